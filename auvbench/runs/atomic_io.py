@@ -33,7 +33,7 @@ _REASONS = {
 }
 
 FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-"""Errors of the disk itself, the same in every directory"""
+"""Errno values of faults that concern the whole disk, not only one directory"""
 
 
 def storage_error(error: OSError, what: str) -> TrainingError:
@@ -50,7 +50,7 @@ def storage_error(error: OSError, what: str) -> TrainingError:
 
 @contextmanager
 def storage(what: str) -> Iterator[None]:
-    """Turn an `OSError` into the `TrainingError` of `storage_error`."""
+    """Replace an `OSError` that the `with` block raises by the `TrainingError` of `storage_error`."""
     try:
         yield
     except OSError as error:
@@ -60,8 +60,12 @@ def storage(what: str) -> Iterator[None]:
 def check_writable(path: Path, typed: str) -> None:
     """Check that a file can be written; create its folder, but do not change the file.
 
+    Args:
+        path: path of the file.
+        typed: option and path that the user gave, e.g. "--video run.mp4"; the error message begins with this text.
+
     Raises:
-        UserError: the path is not writable; the message begins with `typed`, the user's text.
+        UserError: the path is not writable.
     """
     if path.is_dir():
         raise UserError(f"{typed}: is a directory, name a file")
@@ -81,7 +85,7 @@ def fsync(path: Path) -> None:
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # Some network file systems need no fsync.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # Some network file systems have no fsync.
             raise
     finally:
         os.close(descriptor)
@@ -155,7 +159,7 @@ def _stage(path: Path, data: bytes) -> Path:
 
 
 def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Create or replace a folder: write the new one under another name, fsync, rename; on failure the old folder stays.
+    """Create or replace a folder: write its files to a temporary folder, fsync, rename; if that fails, keep the old folder.
 
     Args:
         folder: path of the folder; its parents are created.

@@ -1,4 +1,4 @@
-"""Notice trainings that are too short for their task."""
+"""Warn about training budgets that are too small for their task."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
 
 def remarks(configs: Sequence[DictConfig]) -> list[str]:
-    """Return a sentence for each task with a training budget below `TaskSpec.budget`, with which published learners failed.
+    """Return a warning for each task that a learner trains for fewer steps than `TaskSpec.budget`.
 
-    Residual learners are left out, since their controller brings the vehicle near the goal.
+    Published learners did not learn the task in fewer steps. Residual learners are not checked, since their controller
+    already brings the vehicle near the goal.
     """
     short: dict[str, int] = {}
     for config in configs:

@@ -2,11 +2,11 @@
 
 `analysis.yaml` is in the folder of the runs and in the folder of a published study. It names the measure,
 baseline, margin, protocol, conditions and every run. The runs are listed in stages: runs that are declared later form
-a new stage with its own date. The manifest of each run has the digest of everything that was declared when the run was
+a new stage with its own date. The manifest of each run records the digest of the declaration as it was when the run was
 created. A report can therefore tell what was declared before the first run. The declaration is not part of a
 run's identity: a run may belong to several analyses.
 
-Declarations of earlier versions name only the measure, baseline, margin and number of seeds.
+Declarations that earlier versions of auvbench wrote name only the measure, baseline, margin and number of seeds.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from auvbench.untrusted.typed_json import Count, Name, Range
 FILE = "analysis.yaml"
 LOCK = ".analysis.lock"
 KEY = "analysis"
-"""Key of the analysis in a configuration, and of its digest in a manifest"""
+"""Key of the analysis in a configuration, and key of the analysis digest in a manifest"""
 REPORT, ROWS = "report", "rows"
 SMALLEST = 1e-12
 """Smallest margin"""
@@ -59,7 +59,7 @@ class Declared:
     seeds: Annotated[int, Range(1)] | None = None
     """Planned number of training seeds"""
     protocol: Name | None = None
-    """Protocol; None in a declaration of an earlier version"""
+    """Evaluation protocol; None if an earlier version of auvbench wrote the declaration"""
     conditions: tuple[Name, ...] = ()
     """Conditions of the protocol; the verdicts are about the first condition"""
     episodes: Annotated[int, Range(1)] | None = None
@@ -71,7 +71,7 @@ class Declared:
 
     @property
     def names_runs(self) -> bool:
-        """Return whether agents, seeds, protocol and conditions are declared; False for earlier versions."""
+        """Return whether the declaration names its runs, protocol and conditions; False if an earlier version of auvbench wrote it."""
         return self.protocol is not None
 
     @property
@@ -81,7 +81,7 @@ class Declared:
 
     @property
     def digests(self) -> list[str]:
-        """Return the digest after each stage; a single digest if the declaration names no runs."""
+        """Return, for each stage, the digest of the declaration up to this stage; a single digest if the declaration names no runs."""
         if not self.names_runs:
             return [digest_of({name: getattr(self, name) for name in EARLIER}, 16)]
         base = {name: getattr(self, name) for name in (*EARLIER, *LATER)} | {
@@ -114,13 +114,13 @@ class Declared:
 
 
 EARLIER = ("measure", "baseline", "margin", "seeds")
-"""Fields that a declaration of an earlier version has"""
+"""Fields that also declarations of earlier versions of auvbench have"""
 LATER = ("protocol", "conditions", "episodes", "scenario_seed")
 KNOWN = tuple(f.name for f in fields(Declared))
 
 
 def subject(vehicle: object, task: object) -> str:
-    """Return the name of a vehicle and task, whose runs share a table, e.g. 'rexrov' or 'rexrov, task docking'."""
+    """Return the name of a vehicle and task for a table of their runs, e.g. 'rexrov' or 'rexrov, task docking'."""
     return str(vehicle) if task == DEFAULT_TASK else f"{vehicle}, task {task}"
 
 
@@ -157,7 +157,7 @@ def declare(folder: Path, analysis: Declared, runs: Mapping[str, Sequence[str]],
 
     Raises:
         OSError: the file cannot be written.
-        UserError: the existing file is wrong, or its lock is a link.
+        UserError: the existing analysis file is invalid, or the lock file is a symbolic link.
     """
     import filelock
 

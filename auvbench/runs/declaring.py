@@ -18,7 +18,9 @@ UNDISTURBED = "nominal"
 
 
 def completed(analysis: schema.Analysis) -> Declared:
-    """Return the declaration of an analysis, without runs; the protocol supplies missing conditions, episodes and the scenario seed.
+    """Return the declaration of an analysis, still without runs.
+
+    The protocol supplies the scenario seed, and the conditions and episodes if the analysis does not give them.
 
     Raises:
         ConfigError: the protocol or a condition is unknown.
@@ -47,11 +49,11 @@ def completed(analysis: schema.Analysis) -> Declared:
 def declare_all(
     analyses: Mapping[Path, Declared], configs: Mapping[Path, Mapping[str, Any]], now: str
 ) -> dict[Path, str]:
-    """Declare runs in the folders of their experiments; return the digest for each run's manifest.
+    """Declare runs in the folders of their experiments; return, by run folder, the digest to record in the run's manifest.
 
     Args:
-        analyses: analysis by the run's folder, for runs that have one.
-        configs: resolved configuration by the run's folder.
+        analyses: analysis by run folder; runs without an analysis are left out.
+        configs: resolved configuration by run folder.
         now: time in UTC, ISO 8601.
 
     Raises:

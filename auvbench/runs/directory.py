@@ -69,7 +69,7 @@ class RunDirectory:
                 recorded = str(integrity.read(self.manifest_path, integrity.Manifest)["id"])
             except (OSError, ValueError):
                 return self.path.name
-            # The id becomes a part of paths.
+            # The id becomes part of file paths, so only a plain name is accepted.
             self._id = recorded if path_safety.is_plain(recorded) else self.path.name
         return self._id
 
@@ -190,14 +190,15 @@ _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 def place(config: Mapping[str, Any]) -> RunDirectory:
-    """Return the directory of a resolved configuration's run."""
+    """Return the directory of the run that a resolved configuration describes."""
     return RunDirectory(Path(config["output"]) / config["name"] / identity.run_id(config))
 
 
 def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = None) -> RunDirectory:
-    """Create the directory of a run with its configuration and a pending manifest; return an existing one.
+    """Create the directory of a run, with its configuration and a pending manifest; return it if it exists already.
 
-    An existing incomplete run takes from the new configuration the values that are not part of its identity.
+    If the run exists and is incomplete, the new configuration replaces the stored one. The two configurations may
+    differ only in keys that are not part of the run's identity.
 
     Args:
         config: resolved configuration.
@@ -223,7 +224,7 @@ def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = 
     try:
         make_folder(run.path)
         run.write_config(config)
-        # If two sweeps begin at once, the slower one must not overwrite what the faster one's worker has written.
+        # If two sweeps start at the same time, the second must not overwrite a manifest that a worker of the first has updated.
         create_atomic(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
         )
@@ -284,13 +285,13 @@ def _fresh_manifest(
 
 
 def as_words(runs: Collection[Path], alone: int = 1) -> str:
-    """Return runs as words of a command line: the folders of up to `alone` runs, or the parent folders of more runs.
+    """Return command-line arguments that name runs: the runs' folders for up to `alone` runs, else their parent folders.
 
-    More than four folders are replaced by their parent folders, if possible until at most four remain.
+    While there are more than four folders, each folder is replaced by its parent folder.
 
     Args:
         runs: folders of the runs.
-        alone: largest number of runs that are named one by one.
+        alone: largest number of runs for which each run's own folder is named.
 
     >>> as_words([Path("outputs/a/one")]), as_words([Path("outputs/a/one"), Path("other/b c/two")])
     ('outputs/a/one', "'other/b c' outputs/a")
@@ -324,7 +325,7 @@ OUTPUTS = Path("outputs")
 
 
 def missing(path: Path) -> str:
-    """Return one line: the missing path, and a run with a similar id or a folder with a similar name."""
+    """Return the error line for a missing path; it suggests a run with a similar id, or a folder with a similar name."""
     runs = sorted(run.parent for run in OUTPUTS.glob("*/*/manifest.json"))
     siblings = [child for child in path.parent.iterdir() if child.is_dir()] if path.parent.is_dir() else []
     for candidates, cutoff in ((runs, 0.8), (siblings, 0.6)):
@@ -339,10 +340,10 @@ def missing(path: Path) -> str:
 def folders_of_runs(
     path: Path, is_study: Callable[[Path], bool] = lambda folder: False, levels: int = 3
 ) -> Iterator[Path]:
-    """Yield the run directories, damaged ones too, and the published studies below a path, sorted.
+    """Yield the run directories (also damaged ones) and the published studies below a path, sorted by path.
 
-    The search ends `levels` folders below the path: root, experiment, run. So it does not reach the trials of a tuning
-    search, which are further down. Reports, hidden folders and links are left out.
+    The search descends at most `levels` folders: by default root, experiment and run. It therefore does not reach the
+    trials of a tuning search, which are deeper. Reports, hidden folders and links are skipped.
 
     Raises:
         RunError: the path does not exist, or is a file other than a run's manifest.json or config.yaml.

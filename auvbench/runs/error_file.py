@@ -14,7 +14,7 @@ from auvbench.runs.lock import state_folder
 
 
 def save(content: str) -> Path | None:
-    """Write a new file and return its path; None if no folder is writable."""
+    """Write `content` to a new error file and return the file's path; None if no folder is writable."""
     name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"
     for folder in (state_folder(), Path(tempfile.gettempdir())):
         path = folder / name

@@ -1,9 +1,10 @@
-"""Keep the history of an experiment: one line for each start of a training, end of a training, test, and declaration.
-The lines of deleted runs stay.
+"""Keep the history of an experiment: one line whenever a training starts or ends, a run is tested, or runs are declared.
+
+If a run is deleted, its lines stay in the history.
 
 `history.jsonl` is in the experiment's folder, next to the runs. Lines are only appended, each by a single
-write, so that processes and nodes can write at the same time. A line that cannot be written does not stop a
-run.
+write, so that processes and nodes can write at the same time. If a line cannot be written, auvbench warns, and the
+run continues.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def append(folder: Path, line: Line) -> None:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
                 raise OSError("it is a device, or has a second name")
-            # A line that a full disk or a power cut truncated must not damage the next line.
+            # If a full disk or a power cut truncated the last line, a line break keeps the new line separate.
             cut = status.st_size > 0 and os.pread(descriptor, 1, status.st_size - 1) != b"\n"
             os.write(descriptor, b"\n" * cut + line.text.encode()[:LONGEST] + b"\n")
             os.fsync(descriptor)
@@ -78,7 +79,7 @@ def append(folder: Path, line: Line) -> None:
 
 
 def entered(folder: Path, manifest: Mapping[str, Any], time: str) -> None:
-    """Append a line for the state that a run has entered."""
+    """Append a line for the state in a run's manifest."""
     append(
         folder,
         Line(time, manifest["state"], manifest["id"], manifest["algo"], manifest["seed"], manifest["steps"]),
@@ -86,7 +87,7 @@ def entered(folder: Path, manifest: Mapping[str, Any], time: str) -> None:
 
 
 def read(folder: Path) -> list[Line]:
-    """Return the lines of an experiment or a published study, without damaged lines.
+    """Return the history lines of an experiment or a published study; damaged lines are skipped.
 
     Raises:
         OSError: the file cannot be read.
@@ -123,7 +124,7 @@ def deleted(lines: Iterable[Line], existing: Collection[str]) -> set[str]:
 
 
 def summary(lines: Collection[Line], existing: Collection[str]) -> str:
-    """Return a text with the numbers of trainings and tests, in total and of runs that are not in `existing`.
+    """Return, as text, the numbers of trainings and tests: in total, and for the runs that are not in `existing`.
 
     >>> lines = [Line("2026", "running", "a"), Line("2026", "tested", "a"), Line("2026", "tested", "b")]
     >>> summary(lines, ["a"])

@@ -27,7 +27,7 @@ OPERATIONAL = (
     "train.progress",
     "train.log",
 )
-"""Keys that say how a run is carried out. A resumed run takes them from the latest command."""
+"""Keys that affect only how a run is executed. A resumed run takes their values from the latest command."""
 
 NEUTRAL = (
     "name",
@@ -39,8 +39,8 @@ NEUTRAL = (
     *OPERATIONAL,
     *(f"algo.residual.{base}.{label}" for base in BASES for label in ("name", "n_envs", "tuned")),
 )
-"""Keys that cannot change a run's result: its folder, launcher and analysis, paths of files that have a digest, the `OPERATIONAL`
-keys, and the labels of the controller of a residual learner.
+"""Keys that cannot change a run's result: the run's folder, launcher and analysis, the `OPERATIONAL` keys, paths of files
+whose digest is in the configuration, and labels of a residual learner's controller.
 """
 
 LATER: dict[str, Any] = {
@@ -155,7 +155,7 @@ def digest_of(value: Any, digits: int) -> str:
 
 
 def _numbers(node: Any) -> Any:
-    """Convert whole floats to integers, so that `1` and `1.0` typed for the same key are the same run."""
+    """Convert whole floats to integers, so that the values `1` and `1.0` of a key give the same run id."""
     if isinstance(node, dict):
         return {key: _numbers(value) for key, value in node.items()}
     if isinstance(node, list):
@@ -166,7 +166,7 @@ def _numbers(node: Any) -> Any:
 
 
 DEFAULT_VEHICLE = "bluerov2"
-"""Vehicle that ids leave out: the default of conf/train.yaml when ids were introduced"""
+"""Vehicle whose name is not part of run ids: the default of conf/train.yaml when run ids were introduced"""
 
 DEFAULT_TASK = "waypoint"
 
@@ -193,7 +193,7 @@ def _names(config: Mapping[str, Any]) -> list[str]:
 
 
 def mismatch(config: Mapping[str, Any], id: str) -> str:
-    """Return why a configuration does not belong to the run with this id; '' if it does."""
+    """Return why a configuration does not belong to the run with this id; '' if it belongs to the run."""
     try:
         actual = run_id(config)
     except (ArithmeticError, AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:

@@ -1,9 +1,10 @@
-"""Compute digests of files, recorded in a manifest or a summary and checked whenever a file is read.
+"""Compute and check the digests of files.
 
-A manifest and a summary have a `files` table (path in their folder -> bytes and SHA-256) and a `seal`, the SHA-256
-of all their other entries. A flipped bit in a file, in its digest or in any other entry is therefore noticed.
+The manifest of a run and the summary of a test each have a table `files`: path in their folder -> size in bytes and
+SHA-256. They also have a `seal`, the SHA-256 of all other entries. When a file is read, its digest is checked. A flipped
+bit in a file, a digest or another entry is therefore detected.
 
-Digests detect accidents, not deceit: a person can write digests that fit.
+Digests detect accidents but not tampering: a person who changes a file can also change its digest.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def entry(data: bytes) -> Entry:
 
 
 def entry_of(path: Path) -> Entry:
-    """Return the entry for a file on disk, which is read in pieces.
+    """Return the entry for a file on disk; the file is read in blocks.
 
     Raises:
         OSError: the file cannot be read.
@@ -105,7 +106,7 @@ def check_sealed(value: Any, *versions: int) -> dict[str, Any]:
     broken = broken_seal(value)
     readable = " and ".join(map(str, versions))
     version_found = value.get("schema_version")
-    # With a broken seal, another version may be a flipped bit: the file is then damaged.
+    # If the seal is broken, a flipped bit may have changed the version; the error then says that the file is damaged.
     if version_found not in versions and (SEAL not in value or not broken):
         raise VersionError(
             f"schema_version {short(version_found, 40)}, but this auvbench reads {readable}; use the "
@@ -117,7 +118,7 @@ def check_sealed(value: Any, *versions: int) -> dict[str, Any]:
 
 
 def broken_seal(value: Mapping[str, Any]) -> str:
-    """Return why the seal of a manifest or summary does not fit; '' if it fits."""
+    """Return what is wrong with the seal of a manifest or summary; '' if the seal is correct."""
     if SEAL not in value:
         return f"its {SEAL} is missing"
     return "" if value[SEAL] == _seal(value) else f"it was changed since it was written (its {SEAL} differs)"
@@ -132,7 +133,7 @@ def _seal(value: Mapping[str, Any]) -> str:
 
 
 def table(holder: Mapping[str, Any]) -> dict[str, Entry]:
-    """Return the files that a manifest or summary records, by name."""
+    """Return the table `files` of a manifest or summary: entry by file name."""
     return dict(holder.get(FILES) or {})
 
 
@@ -142,7 +143,7 @@ def digests(holder: Mapping[str, Any], prefix: str) -> dict[str, str]:
 
 
 def difference(holder: Mapping[str, Any], name: str, data: bytes) -> str:
-    """Return how the content of a file differs from its record; '' if it does not.
+    """Return how the content of a file differs from its entry in the table; '' if it is unchanged.
 
     Args:
         holder: manifest or summary.
@@ -158,12 +159,12 @@ def difference(holder: Mapping[str, Any], name: str, data: bytes) -> str:
 
 
 def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: bool = True) -> str:
-    """Return the first recorded file that is missing or changed, and why; '' if all are unchanged.
+    """Return the first recorded file that is missing, unreadable or changed, with the reason; '' if all files are unchanged.
 
     Args:
         folder: folder that the names in the table are relative to.
         holder: manifest or summary.
-        prefix: only check files whose names begin with this.
+        prefix: check only files whose names begin with this prefix.
         deep: compare the content; otherwise compare only the size.
     """
     for name, expected in table(holder).items():
@@ -266,11 +267,12 @@ class Inference:
 
 @dataclass(frozen=True, slots=True)
 class Sealed:
-    """Sealed protocol of a test."""
+    """Sealed protocol that a test used (`evaluation.sealed`)."""
 
     sha256: dict[str, str]
-    """Digest by file name"""
+    """Digests of the protocol's files, by file name"""
     not_tested: list[str]
+    """Conditions and tasks of the protocol that were not tested, one line each with the reason"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,7 +83,7 @@ class Request:
 
 @contextlib.contextmanager
 def deferred() -> Iterator[Request]:
-    """Let signals set the request; a second signal raises `Interrupted`. Without effect outside the main thread."""
+    """Let the first signal set the request and the second raise `Interrupted`. Has no effect outside the main thread."""
     request = Request()
 
     def note(number: int, _frame: FrameType | None) -> None:
@@ -99,8 +99,8 @@ def deferred() -> Iterator[Request]:
 def immediate() -> Iterator[Request]:
     """Let signals raise `Interrupted` at once, and set the request.
 
-    An exception raised inside a library may be replaced or swallowed there. A caller that reports why the
-    process ended must read the request.
+    A library in which the signal arrives may replace or swallow the exception. A caller that reports why the
+    process ended must therefore read the request.
     """
     request = Request()
 
@@ -113,7 +113,7 @@ def immediate() -> Iterator[Request]:
 
 
 def cause(error: BaseException) -> KeyboardInterrupt | None:
-    """Return the interruption that caused an error; None without one. A library may catch an interruption and raise its own error."""
+    """Return the interruption that caused an error, since a library may replace an interruption by its own error; else None."""
     links: list[BaseException] = []
     link: BaseException | None = error
     while link is not None and link not in links:
@@ -126,7 +126,7 @@ def cause(error: BaseException) -> KeyboardInterrupt | None:
 
 @contextlib.contextmanager
 def handlers(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
-    """Handle `SIGNALS` with `handler`. Without effect outside the main thread."""
+    """Handle `SIGNALS` with `handler` inside the `with` block. Has no effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

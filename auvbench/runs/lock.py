@@ -1,10 +1,10 @@
-"""Allow one process per run: the kernel's lock decides, and a file tells people which process holds the lock.
+"""Let only one process work on a run, by a kernel lock and a file that names the process that holds the lock.
 
-`RUN/lock/held` carries the lock: `flock`, which NFS keeps on the file server. The kernel or the server frees
-the lock when the holder ends, for any reason. So no clock, host name or process id decides which process may
-work on a run.
+The lock is a `flock` on `RUN/lock/held`; on NFS, the file server keeps it. The kernel or the file server frees the
+lock when the process that holds it ends, for any reason. Which process may work on a run therefore never depends on
+clocks, host names or process ids.
 
-`RUN/lock/holder.json` names the holder. A file system without `flock` raises an error.
+`RUN/lock/holder.json` names the holder. On a file system without `flock`, locking a run raises an error.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def state_folder() -> Path:
 
 FOLDER, LOCK, HOLDER = "lock", "held", "holder.json"
 
-LEASE = 120.0  # s that a file server may keep the lock of a dead node (NFSv4: 90 s by default)
-LOOK = 10.0  # s to wait for a lock that only a check (`living_holder`) in another process holds; a check takes an instant
+LEASE = 120.0  # s, longest time that a file server keeps the lock of a dead node (NFSv4: 90 s by default)
+LOOK = 10.0  # s to wait for the lock while another process only checks it (`living_holder`), which takes an instant
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP)
 
@@ -83,7 +83,7 @@ class RunHeldError(RunError):
 
 
 class LockLostError(TrainingError):
-    """The run now belongs to another process: its folder was replaced, or the file server gave the lock away."""
+    """This process has lost its lock: the run's folder was replaced, or the file server gave the lock to another process."""
 
 
 class RunLock:
@@ -97,7 +97,7 @@ class RunLock:
         _mine[run.absolute()] = self
 
     def verify(self, every: float = 0.0) -> None:
-        """Raise `LockLostError` if another process has the run.
+        """Raise `LockLostError` if this process no longer holds the lock.
 
         Args:
             every: seconds between checks; do nothing if the last check was more recent.
@@ -138,12 +138,12 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
 
     Args:
         run: the run directory.
-        job: cluster job of this process. If holder.json names the same job, an earlier attempt has probably died
-            with its node: wait up to `LEASE` for the file server to free its lock.
+        job: cluster job of this process. If holder.json names the same job, an earlier attempt of the job has probably
+            died with its node. Then wait up to `LEASE` for the file server to free the lock of that attempt.
 
     Raises:
         RunHeldError: another process holds the lock.
-        RunError: the directory cannot be written or has no file locks, or contains a link out of it.
+        RunError: the directory cannot be written, contains a link, or is on a file system without locks.
         TrainingError: the disk is full or failing.
     """
     run = Path(run)
@@ -175,7 +175,7 @@ def verify(run: str | Path, every: float = 0.0) -> None:
 
 
 def current(run: str | Path) -> Holder | None:
-    """Return the holder that holder.json names, alive or dead, or an unknown one if the file is damaged; None without the file."""
+    """Return the holder that holder.json names, even if it has ended; its token is '' if the file is damaged. None without the file."""
     path = _holder_path(Path(run))
     try:
         holder = typed_json.read(path, Holder, 1 << 16)
@@ -204,7 +204,7 @@ def _is_locked(path: Path) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:  # Locked, or the file system does not say: then holder.json decides.
+    except OSError:  # Locked, or the file system has no locks: then trust holder.json.
         return True
     finally:
         os.close(descriptor)

@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def load_config(run: RunDirectory) -> schema.TrainConfig:
-    """Return the typed configuration of a run directory, its identity checked.
+    """Return the typed configuration of a run directory, after checking it against the run's id.
 
     Raises:
         RunError: the directory is not a run, or its configuration was changed.
@@ -64,13 +64,13 @@ def freeze_all(plans: Sequence[Plan], command: str = "") -> list[RunDirectory]:
     plans.
 
     Raises:
-        ConfigError: an analysis names an unknown protocol or condition; nothing is written then.
+        ConfigError: an analysis names an unknown protocol or condition; nothing was written.
         RunError, PolicyError, TrainingError: see `Plan.freeze`.
     """
     digests = _declare(plans)
     runs = []
     for item in plans:
-        # Written before the manifest, which marks the run as existing.
+        # Copy the policy file before `freeze` writes the manifest: each run with a manifest must have its policy file.
         if item.values["algo"].get("agent") == "onnx":
             from auvbench.runs import policy_file
 
@@ -115,7 +115,7 @@ def plan(config: DictConfig) -> Plan:
         config = resolve(settled)(config, checked.world)
     values = resolved(config)
     values.pop(declared.KEY, None)  # not part of the run: stored in the folder of the experiment
-    if interpolation := identity.first_interpolation(values):  # left by a value with \${ in it
+    if interpolation := identity.first_interpolation(values):  # An escaped \${ in a value becomes ${.
         raise ConfigError(f"{interpolation}: a run's configuration must not contain ${{ }}")
     return Plan(checked, values)
 
@@ -130,7 +130,7 @@ def prepare(config: DictConfig, command: str = "") -> RunDirectory:
 
 
 def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
-    """Return the vehicle after checking its sheet and that its dynamics are slow enough to integrate.
+    """Return the vehicle after two checks: its sheet is valid, and its dynamics are slow enough to integrate.
 
     Raises:
         ConfigError, VehicleError: a check fails.

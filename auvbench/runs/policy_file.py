@@ -27,7 +27,7 @@ from auvbench.untrusted.text import short
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 UNNAMED = "onnx"
-"""value of `algo.name` in conf/algo/onnx.yaml; it is replaced by the name of the card or of the file"""
+"""value of `algo.name` in conf/algo/onnx.yaml; it is replaced by the name in the policy's card, else by the file's name"""
 
 LONGEST = 80
 """largest number of characters of a policy's name, which is part of a folder's name"""
@@ -45,9 +45,9 @@ def with_policy(
         vehicle: vehicle of the configuration.
 
     Raises:
-        ConfigError: the file's digest differs from `algo.sha256`, or its card has another vehicle, frequency
-            or frame.
-        PolicyError: the file cannot be read, is not a policy, or does not fit the vehicle's sizes.
+        ConfigError: the file's digest differs from `algo.sha256`, or the policy's card differs from the configuration
+            in the actuators, observations, frame or frequency.
+        PolicyError: the file cannot be read, is not a policy, or has a wrong number of inputs or outputs.
         MissingExtraError: ONNX Runtime is not installed.
     """
     if not algo.path:
@@ -103,9 +103,9 @@ def keep(run: RunDirectory, config: dict[str, Any]) -> None:
 
 
 def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-    """Raise ConfigError if the card names other actuators, observations, another frame or another frequency.
+    """Raise ConfigError if the card differs from the configuration in the actuators, observations, frame or frequency.
 
-    Without this check, such a policy would steer wrongly without an error.
+    Without this check, the policy of a different vehicle or task could steer this vehicle wrongly, without an error.
     """
     if card.actuators != vehicle.actuators:
         raise ConfigError(

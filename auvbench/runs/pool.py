@@ -55,7 +55,7 @@ def start_server(preload: Sequence[str]) -> None:
     stop_server()
     environment = dict(os.environ)
     os.environ |= isolation.ENVIRONMENT
-    resource_tracker.ensure_running()  # started now, since starting it unblocks signals
+    resource_tracker.ensure_running()  # started before the signals are blocked, since its start unblocks them
     os.environ |= ONE_THREAD | {COMMAND: str(os.getpid()), MODULES: ",".join(preload)}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, interruption.SIGNALS)
     try:
@@ -137,7 +137,7 @@ class Pool:
             what: word for a job in messages, e.g. "run".
 
         Raises:
-            Exception: any exception of `function`; jobs that have not begun are dropped.
+            Exception: any exception that `function` raises; jobs that have not started are dropped.
         """
         waiting = deque(jobs)
         running: dict[Future[T], K] = {}
@@ -209,13 +209,13 @@ class Pool:
             self._executor.shutdown(wait=False, cancel_futures=True)
             self._executor = None
             if manager is not None:
-                # Python wakes the thread through a pipe when it exits, and the thread closes the pipe when it ends. Both at
-                # the same time raise an OSError, so wait for the thread. The wait is limited, since the thread never ends if
-                # a worker was killed while it sent a result.
+                # When Python exits, it wakes the thread through a pipe; when the thread ends, it closes the pipe. If both happen
+                # at the same time, Python raises an OSError, so wait for the thread. The wait is limited, since the thread
+                # never ends if a worker was killed while it sent a result.
                 manager.join(PATIENCE)
 
 
-# In the server: preload its modules. They may import this module, since all definitions are above.
+# In the fork server: preload the modules. They may import this module, since all its definitions are above this line.
 if COMMAND in os.environ:
     isolation.isolate()
     interruption.die_with_parent(int(os.environ.pop(COMMAND)))

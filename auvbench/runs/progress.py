@@ -151,7 +151,7 @@ def duration(seconds: float) -> str:
 
 
 def to_go(seconds: float) -> str:
-    """Return `3 h 10 min to go, until 17:05`, with the day if it is not today."""
+    """Return e.g. `3 h 10 min to go, until 17:05`; if the end is not today, the day comes before the time."""
     now = datetime.now().astimezone()
     end = now + timedelta(seconds=seconds)
     return (
@@ -160,12 +160,12 @@ def to_go(seconds: float) -> str:
 
 
 def in_notebook() -> bool:
-    """Return whether a notebook cell (`!auvbench ...`) runs this process: its terminal cannot show live bars."""
+    """Return whether a notebook cell (`!auvbench ...`) started this process; a notebook cannot show live bars."""
     return "JPY_PARENT_PID" in os.environ
 
 
 def bars(console: Console, title: str = "", **options: Any) -> Bars:
-    """Return rich's progress bars, whose field `now` shows each bar's present step.
+    """Return rich's progress bars; the field `now` of a bar is a text about the present step.
 
     Args:
         console: console that shows the bars.
@@ -175,7 +175,7 @@ def bars(console: Console, title: str = "", **options: Any) -> Bars:
     from rich import progress
     from rich.table import Column
 
-    # A run's id is not markup, and the text is cut first on a narrow terminal.
+    # No markup, since a run's id may contain brackets. On a narrow terminal, only this column is shortened.
     now = Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return progress.Progress(
         progress.TextColumn(title or "{task.description}", markup=False),

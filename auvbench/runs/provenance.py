@@ -29,7 +29,7 @@ def versions() -> dict[str, str]:
     """Return the versions of Python, of the packages that affect the result, and of the external simulators and autopilots
     that this process uses.
     """
-    # Look only at modules that are already loaded, so that no client is imported for this.
+    # Look only at modules that are already loaded, so that this function imports no client of a simulator.
     loaded = [module for module in map(sys.modules.get, integrations.USED) if module is not None]
     return _packages() | {name: version for module in loaded for name, version in module.used().items()}
 

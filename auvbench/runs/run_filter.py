@@ -3,7 +3,8 @@ of overrides.
 
     --where vehicle=rexrov reward.k=1,40 algo!=random
 
-A filter selects the runs that match every term: one of the values after `=`, none of the values after `!=`.
+A filter selects the runs that match every term. A term with `=` matches a run that has one of the values, a term with
+`!=` a run that has none of them.
 Keys are the configuration's keys, and `state`, `id` and `experiment`; `algo` is short for `algo.name`. Values
 may contain the wildcards `*` and `?`.
 """
@@ -93,7 +94,7 @@ def _resolve(term: Term, rows: Sequence[Mapping[str, Any]]) -> str:
     for candidate in (term.key, f"{term.key}.name"):
         if candidate in keys:
             return candidate
-    # Most of the hundreds of keys belong to the vehicle's sheet: only similar keys help.
+    # The hundreds of keys, most of them of the vehicle's sheet, are too many to list: suggest a similar key.
     short = {key.rpartition(".")[2]: key for key in sorted(keys, reverse=True)}
     near = short.get(term.key) or next(iter(difflib.get_close_matches(term.key, keys, n=1)), None)
     hint = f"did you mean {near}?" if near else "auvbench runs --json lists the valid keys"
@@ -134,7 +135,7 @@ def facts(run: RunDirectory) -> dict[str, Any]:
         values = flat(run.config())
         values["state"] = str(status.of(run).state)
     except (RunError, RecursionError):
-        return {}  # The command names the damage when it uses the run.
+        return {}  # The command reports the damage later, when it uses the run.
     return values | {"id": run.id, "experiment": run.path.absolute().parent.name}
 
 

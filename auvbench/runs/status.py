@@ -1,6 +1,7 @@
 """Compute the status of a run: the state in its manifest, corrected by whether a process still works on it.
 
-A killed process cannot record its end in the manifest, so `running` counts only while the run's lock is held.
+A killed process cannot record its end in the manifest. The state `running` is therefore valid only while a process holds
+the run's lock.
 """
 
 from __future__ import annotations
