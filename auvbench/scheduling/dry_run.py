@@ -45,7 +45,7 @@ class Todo:
 
     run: RunDirectory
     like: Like | None
-    """kind of the run, by which its cost is estimated; None for an agent that does not learn"""
+    """algorithm, task and number of environments, for the estimate of the cost; None for an agent that does not learn"""
     steps: int
     """remaining environment steps"""
 
@@ -96,7 +96,7 @@ def _runs(output: Path) -> list[RunDirectory]:
 
 
 def _costs(output: Path, kinds: Container[Like]) -> dict[Like, list[Cost]]:
-    """Return the costs of the complete trainings of some kinds."""
+    """Return the costs of the complete trainings in the folder `output`, for each `Like` in `kinds`."""
     costs: dict[Like, list[Cost]] = {}
     for run in _runs(output):
         try:
@@ -106,7 +106,7 @@ def _costs(output: Path, kinds: Container[Like]) -> dict[Like, list[Cost]]:
             if (like := _like(values)) not in kinds:
                 continue
         except (RunError, KeyError, TypeError):
-            continue  # Another command names the damage.
+            continue  # Skip a damaged run; other commands report it.
         size = sum(path.stat().st_size for path in run.path.rglob("*") if path.is_file())
         costs.setdefault(like, []).append(Cost(manifest["cpu_time_s"] / max(1, manifest["steps"]), size))
     return costs

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Action(Enum):
-    """Action of a sweep for a run, in the order of the summary. Each value has the words for the run's state and for the action."""
+    """What a sweep does with a run, in the order of the summary. Each value has two words: the run's state and the action."""
 
     SKIP = "complete", "skipped"
     RESUME = "partial", "resumed"
@@ -51,8 +51,8 @@ TODO = (Action.RESUME, Action.START, Action.RETRY)
 """Actions that train a run."""
 
 LISTED = 12
-"""Largest number of runs of a kind that are listed by name. Damaged runs are all listed, since the user must look at
-each of them.
+"""Largest number of runs with the same action that are listed by name. All damaged runs are listed, since the user must
+look at each of them.
 """
 
 
@@ -97,7 +97,7 @@ def say(console: Console, text: str) -> None:
 
 
 def show(steps: Sequence[Step], say: Callable[[str], None]) -> None:
-    """Print the number of runs of each kind, and list the partial, failed, locked and damaged ones."""
+    """Print the number of runs with each action, and list the partial, failed, locked and damaged runs."""
     say(f"{len(steps)} run{'s' if len(steps) != 1 else ''}")
     for action in Action:
         named = [step for step in steps if step.action is action]
@@ -123,7 +123,7 @@ def sweep(
 
     Args:
         runs: frozen run directories without duplicates.
-        backend: backend that carries them out.
+        backend: backend that carries out the runs.
         console: console for the tables; standard output by default.
         check: function that is called with each run before its status is read, and raises RunError for a damaged run.
 
@@ -221,8 +221,8 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
 
     Raises:
         UserError: the backend cannot work on this machine.
-        ConfigError: the options have no schema, or the package is not installed.
-        AgentError: the package's code cannot make a backend.
+        ConfigError: the options have no schema, or the package of the launcher is not installed.
+        AgentError: the code of the launcher's package cannot make a backend.
     """
     from omegaconf import OmegaConf
 

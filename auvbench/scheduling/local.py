@@ -33,7 +33,7 @@ LEARNERS = (
     "torch._dynamo",  # imported by the first optimiser of a process
     "auvbench.envs.batch:load_compiled",
 )
-"""Modules that a run of a learner needs."""
+"""Modules that a run of a learner needs, and functions (`module:function`) that must be called before the run"""
 
 _SERVER_ENDED = 255
 """exit code that multiprocessing reports for a worker whose fork server has ended; no worker exits with this code"""
@@ -134,5 +134,5 @@ def _work(folder: str, run: str, target: str) -> None:
 
 
 def make(options: Local, target: str, learning: bool) -> LocalBackend:
-    """Return the backend; see `config.launchers.LauncherSpec.factory`."""
+    """Return the backend of this machine; `config.launchers.LauncherSpec.factory` describes the arguments."""
     return LocalBackend(options.workers, target=target, preload=LEARNERS if learning else CONTROLLERS)

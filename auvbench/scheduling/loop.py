@@ -115,7 +115,7 @@ _FOREIGN = (AgentError.__name__, PluginImportError.__name__)
 
 TICK = 0.25  # s between two polls of the jobs
 MANY = 100  # largest number of runs that are submitted one by one to a backend with arrays
-TRIES = 3  # number of starts of a run whose node or server died
+TRIES = 3  # largest number of starts of a run if its node or server dies
 
 
 class Outcome(StrEnum):
@@ -136,7 +136,7 @@ class Result:
     signal: signal.Signals | None = None  # signal that ended the sweep early
 
     def of(self, outcome: Outcome) -> dict[Path, str]:
-        """Return the runs with this outcome, with their messages."""
+        """Return the runs with this outcome: message by run."""
         return {run: message for run, (result, message) in self.outcomes.items() if result is outcome}
 
     @property
@@ -188,7 +188,7 @@ class Loop:
         return self.result
 
     def goes_on(self) -> bool:
-        """Return whether anything is left to do."""
+        """Return whether a run is still waiting or active."""
         return bool(self.waiting or self.active)
 
     def _room(self) -> int:
@@ -215,7 +215,7 @@ class Loop:
             self._begun(run, job)
 
     def _fill_arrays(self) -> None:
-        """Submit many runs at once if the backend has arrays. If it refuses an array, `_fill` submits the runs one by one."""
+        """Submit many runs at once if the backend has arrays. After a refused array, `_fill` submits the runs one by one."""
         backend: Any = self.backend
         while (largest := largest_array(backend)) and self._room() > MANY:
             runs = {run.path: run for run in islice(self.waiting, min(largest, self._room()))}
@@ -310,7 +310,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     except lock.RunHeldError as held:
         if (
             job.mark is not None and held.holder.job == job.mark
-        ):  # the job's node died, and the file server has not noticed yet
+        ):  # the job's node died, and the file server has not yet freed the lock
             return Outcome.FAILED, message
         return Outcome.HELD, f"{message}; taken over by {held.holder}"
     except (RunError, OSError) as error:

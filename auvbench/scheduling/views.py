@@ -23,7 +23,7 @@ from auvbench.scheduling.loop import Job, Outcome, Phase
 
 WAITING = "waiting"
 READ_EVERY = 1.0  # s between two reads of the runs' progress files
-LONGEST = 32  # characters of an id next to its bar
+LONGEST = 32  # largest number of characters of a run's id next to its bar
 LINES_EVERY = 60.0  # s between two plain lines about a run
 
 
@@ -94,11 +94,11 @@ class View:
         return Group(*self.summary(), self.bars)
 
     def say(self, text: str) -> None:
-        """Print a line; with bars, above them."""
+        """Print a line; live bars stay below the line."""
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def event(self, text: str) -> None:
-        """Print a line with the time of day if there are no live bars, which show the event themselves."""
+        """Print a line with the time of day, unless live bars already show the event."""
         if self.live is None:
             self.say(f"{datetime.now().astimezone():%H:%M:%S} {text}")
 
@@ -110,7 +110,7 @@ class View:
             # The beginning of an id describes the run, and the hash at its end identifies it.
             name = run.id if len(run.id) <= LONGEST else f"{run.id[: LONGEST - 10]}…{run.id[-9:]}"
             row.bar = self.bars.add_task(name, total=total, completed=row.done, now=row.state)
-        if job.mark:  # name of the run's job on a cluster, which outlives this process
+        if job.mark:  # a cluster's job outlives this process, so the user needs its name
             self.event(f"{run.id}: {Phase.QUEUED} as {job}")
 
     def polled(self, run: RunDirectory, phase: Phase) -> None:
