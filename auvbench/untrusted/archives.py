@@ -1,11 +1,12 @@
 """Read arrays and weights from archives that may declare more data than fits into memory.
 
 `numpy.load` and `torch.load` allocate the memory that an archive declares: an archive of some kilobytes can declare
-gigabytes. So the archive's directory is read first; Python's `zipfile` returns no more bytes than the directory says.
+gigabytes. The functions here therefore check the sizes in the archive's directory first; Python's `zipfile` never returns
+more bytes than the directory declares.
 
 Weights, and the arrays of a policy or a checkpoint, are read in this process. They may have up to 2 GiB, and a separate
-process would need this memory a second time. The two readers are limited: `torch.load` with
-`weights_only=True` unpickles only tensors and unpacks nothing, and `numpy.load` is written in Python.
+process would need this memory a second time. This is acceptable because of the two readers: `torch.load` with
+`weights_only=True` unpickles only tensors and decompresses nothing, and `numpy.load` parses files in Python, not in C.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def arrays(data: bytes) -> dict[str, NDArray[Any]]:
     """Return all arrays of an .npz; nothing is unpickled.
 
     Raises:
-        ValueError: the archive is damaged, or declares too much.
+        ValueError: the archive is damaged, or would unpack to too many bytes.
     """
     import numpy as np
 
@@ -53,7 +54,7 @@ def paths(data: bytes, condition: str, episodes: Sequence[int] | int) -> dict[st
         episodes: numbers of the episodes as a sequence, or an integer n for the first n episodes.
 
     Raises:
-        ValueError: the file is damaged, too large, or has arrays of other types than numbers.
+        ValueError: the file is damaged or too large, or one of the arrays is not of floating-point numbers.
     """
     chosen = episodes if isinstance(episodes, int) else list(episodes)
     with sandbox.Child(sandbox.PATHS, data, condition=condition, episodes=chosen) as child:
@@ -72,7 +73,7 @@ def weights(data: bytes) -> dict[str, Any]:
         raise ValueError(f"it would unpack to {declared:,} bytes, more than the size of the file")
     try:
         loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises exceptions of all kinds, pickle's among them
+    except Exception as error:  # torch raises exceptions of many types, also pickle's
         raise ValueError(_reason(error)) from error
     if not isinstance(loaded, dict):
         raise ValueError(f"it contains a {type(loaded).__name__} instead of named tensors")
@@ -99,7 +100,7 @@ def _reason(error: BaseException) -> str:
 
 
 def members(data: bytes, limit: int) -> Iterator[tuple[str, bytes]]:
-    """Yield name and content of the files in a ZIP archive, in its order.
+    """Yield name and content of each file in a ZIP archive, in the archive's order.
 
     Args:
         data: content of the archive.

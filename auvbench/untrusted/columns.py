@@ -1,8 +1,8 @@
 """Define the columns of all tables that another person may have written: names, types, ranges, gaps.
 
-Tables of runs, published studies and missions are checked against these schemas when they are read. So the
-code that uses them never meets a missing column, a text among numbers, or a number that cannot have been
-measured. Unknown columns are left out, so that an older auvbench can read the tables of a newer one.
+Tables of runs, published studies and missions are checked against these schemas when they are read. Code that uses a
+table therefore never meets a missing column, a text among numbers, or a number that is physically impossible. Unknown
+columns are left out, so that an older auvbench can read the tables of a newer auvbench.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LARGEST = 1e30
-"""Largest magnitude of a number in a table; measured values are far smaller, and the square of a much larger one would overflow"""
+"""Largest magnitude of a number in a table; measured values are far smaller, and the square of a much larger number would overflow"""
 WHOLE = 2.0**53
-"""largest whole number that a float64 holds exactly"""
+"""largest whole number of a column; up to this number, a float64 represents every whole number exactly"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Column:
     needed: bool = False
     """whether the column is required"""
     gaps: bool = False
-    """whether a row may lack a value"""
+    """whether values may be missing in some rows"""
     words: tuple[str, ...] = ()
     """valid texts; empty: any text"""
 
@@ -50,8 +50,8 @@ COUNT, NUMBER = Column("whole", low=0.0), Column()
 def _measured() -> dict[str, Column]:
     """Return the columns of the values that are measured in an episode.
 
-    They are computed at each call, since packages can add columns at any time. Columns that depend on the navigation or
-    the filter may have gaps, since the conditions of a test may differ in these.
+    The columns are computed at each call, since packages can add columns at any time. Columns that depend on the
+    navigation or the filter may have gaps, since the conditions of a test may have different navigation and filters.
     """
     return {
         m.name: replace(NUMBER, gaps=m.conditional)
@@ -75,7 +75,7 @@ def of_test() -> Schema:
 
 
 def of_mission() -> Schema:
-    """Return the schema of episodes.csv of a pilot's missions, which have no reward."""
+    """Return the schema of episodes.csv of a pilot's missions, in which returns may be missing: a mission has no reward."""
     outcome = replace(OUTCOME, words=(*OUTCOMES, ABORTED))
     return {**of_test(), "outcome": outcome, "return": replace(NUMBER, gaps=True)}
 
@@ -110,7 +110,7 @@ TRAJECTORIES: Schema = {
 
 
 def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """Return the columns of a table that are in its schema, with columns of whole numbers without gaps as int64.
+    """Return the columns of a table that are in the schema; columns of whole numbers that must not have gaps become int64.
 
     Raises:
         ValueError: a column is missing, occurs twice, or has a value of a wrong type or range; the message is one line.
@@ -120,12 +120,12 @@ def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     names = [name for name in table.columns if name in schema]
     if twice := [name for name in schema if names.count(name) > 1]:
         raise ValueError(f"it has the column {twice[0]} twice")
-    if not len(table):  # columns without rows have no type
+    if not len(table):  # In a table without rows, the columns have no type to check.
         return table[names]
     table = table[names]
     types = dict(zip(names, table.dtypes, strict=True))
     plain = [name for name in names if schema[name] is NUMBER and types[name].kind in "if"]
-    # All measures are compared at once, which is faster. With NaN the comparison is False, and each column is checked.
+    # One comparison of all columns of numbers is fast. It is False for NaN or a large number: then each column is checked.
     if (np.abs(table[plain].to_numpy(dtype=np.float64)) <= LARGEST).all():
         names = [name for name in names if name not in plain]
     values = {name: _values(name, table[name], schema[name]) for name in names}
@@ -157,9 +157,9 @@ def _from(column: Column) -> str:
 
 
 def _impossible(numbers: np.ndarray, column: Column) -> bool:
-    """Return whether a number is infinite, out of the column's range, or not whole though it must be."""
+    """Return whether a number is infinite, out of the column's range, or a fraction in a column of whole numbers."""
     most = WHOLE if column.kind == "whole" else LARGEST
-    # Converted to float, because the absolute value of the smallest integer is the integer itself.
+    # Convert to float first: in int64, the absolute value of the smallest number overflows and is negative.
     wide = numbers.astype(np.float64)
     fine = (np.abs(wide) <= most) & (wide >= column.low)
     if column.kind == "whole":

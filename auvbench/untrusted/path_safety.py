@@ -4,7 +4,7 @@ writes.
 A folder from another person may contain links. If `checkpoints` leads to a folder of photographs, a clean-up
 would delete them; if `train/log.txt` leads to a shell's start-up file, a training would append to it. A file in
 the folder may name `../../.bashrc`. So `child` checks each name from a file, and a run is searched for links
-before anything is written into it. Links above the folder that the user typed are the user's own.
+before anything is written into it. Links in the path to the folder are not checked, since the user typed that path.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from auvbench.errors import RunError
 from auvbench.untrusted.text import short
 
 GROWING = "train"
-"""folder whose files grow in place. If such a file has a second name (a hard link), the file under that name grows, too. All
-other files are replaced by renaming, which leaves the second name unchanged.
+"""Folder whose files auvbench appends to. If another hard link to such a file exists, an append changes that file too. All
+other files are replaced by renaming, which does not change a file under another hard link.
 """
 
 LONGEST = 255
@@ -33,8 +33,8 @@ def child(folder: Path | str, name: object) -> Path:
         name: value read from the file; only a text of plain names joined by "/" is valid.
 
     Raises:
-        ValueError: a part is empty, leads elsewhere ("..", "/"), is not printable or too long, or a link is
-            on the way.
+        ValueError: a part of the name is empty, leads elsewhere ("..", "/"), is not printable or is too long, or
+            the path contains a link.
 
     >>> child("run", "train/episodes.csv").as_posix()
     'run/train/episodes.csv'
@@ -62,10 +62,10 @@ def is_plain(name: str) -> bool:
 
 
 def refuse_links(run: Path | str) -> None:
-    """Search a run's folder for anything that leads out of it; a missing folder is fine.
+    """Check that nothing in a run's folder leads out of the folder; a missing folder passes the check.
 
     Raises:
-        RunError: the folder contains a link, a pipe or a device, or a growing file has a second name.
+        RunError: the folder contains a link, a pipe or a device, or a file in `GROWING` has a second hard link.
     """
     waiting = [str(run)]  # a stack, because folders may be nested deeper than Python's recursion
     while waiting:
@@ -78,7 +78,7 @@ def refuse_links(run: Path | str) -> None:
                 raise RunError(_link(entry.path))
             try:
                 status = entry.stat(follow_symlinks=False)
-            except FileNotFoundError:  # a temporary file of a lock, removed meanwhile
+            except FileNotFoundError:  # a temporary file that another process has removed
                 continue
             if stat.S_ISDIR(status.st_mode):
                 waiting.append(entry.path)

@@ -1,12 +1,12 @@
-"""Run the processes that read untrusted binary files: a server that forks one child per file, and the work of
-a child.
+"""Run the processes that read untrusted binary files: a server that forks one child per file, and the children.
 
-`sandbox.py` starts this file as a program. It imports nothing of auvbench, so that a reader starts in a
+`sandbox.py` starts this file as a program. This file imports nothing from auvbench, so that the program starts in a
 fraction of a second.
 
-A child has one connection to its command and no other file. Before it parses a byte, it sets limits of memory and
-processor time, and gives up the right to open descriptors. So it can reach neither files nor the network. It sends
-arrays of numbers as raw bytes: `receive` checks the type, shape and length of each array before allocating memory.
+A child has one connection, to the command that started it, and no other open file. Before it parses a byte, it sets
+limits of memory and processor time, and gives up the right to open descriptors. So it can reach neither files nor the
+network. It sends arrays of numbers as raw bytes: `receive` checks the type, shape and length of each array before
+allocating memory.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 HEADER = 4 * 1024**2
-"""largest size in bytes of a description of arrays"""
+"""largest size in bytes of the head of a message: JSON with the note and the description of the arrays"""
 ARRAY = 32 * 1024**2
 """Largest size in bytes of an array of an .npz; the positions of an episode take about ten thousand bytes"""
 SMALL = 64 * 1024
@@ -41,7 +41,7 @@ DTYPES: dict[str, Any] = {
     np.dtype(kind).str: kind
     for kind in ("?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 }
-"""Types of arrays, by NumPy's names"""
+"""Allowed types of arrays, by NumPy's type string (`dtype.str`)"""
 ENDED, KILL = b"E", b"K"
 """Letters that ask the server to end a child: ENDED waits for the exit of a child whose channel is closed, KILL kills it at once"""
 LENGTH, PID = struct.Struct("<Q"), struct.Struct("<i")
@@ -54,7 +54,7 @@ class LimitError(ValueError):
 
 
 def send(channel: socket.socket, note: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) -> None:
-    """Send a note, a JSON object, and arrays by name."""
+    """Send a note (a JSON object) and named arrays."""
     parts = {name: np.ascontiguousarray(array) for name, array in (arrays or {}).items()}
     shapes = [[name, part.dtype.str, np.shape(arrays[name])] for name, part in parts.items()]  # type: ignore[index]
     head = json.dumps({"note": note, "arrays": shapes}).encode()
@@ -68,12 +68,12 @@ def send(channel: socket.socket, note: Mapping[str, Any], arrays: Mapping[str, A
 
 
 def receive(channel: socket.socket, limit: int) -> tuple[Any, Arrays]:
-    """Return a note, a JSON value of any kind, and arrays of at most `limit` bytes together.
+    """Return a note (any JSON value) and named arrays, which may have at most `limit` bytes in total.
 
     Raises:
         EOFError: the other end has exited.
         LimitError: the arrays are larger than `limit`.
-        ValueError: the data are not a note and arrays.
+        ValueError: the message has a wrong format.
     """
     (length,) = LENGTH.unpack(_exactly(channel, np.empty(LENGTH.size, dtype=np.uint8)).tobytes())
     if length > HEADER:
@@ -126,7 +126,7 @@ def grant(seconds: int) -> None:
 
 
 def serve(channel: socket.socket, job: Callable[..., None]) -> None:
-    """Do one job: read the request, set limits, send the results; an error is sent as its first line."""
+    """Do one job: read the request, set limits, send the results. If the job fails, send the first line of the error."""
     try:
         note, arrays = receive(channel, 2**40)
         grant(note["seconds"])
@@ -153,7 +153,7 @@ def table(channel: socket.socket, data: bytes, columns: list[str] | None, most: 
             raise ValueError(f"column {field.name[:40]} has the type {str(field.type)[:40]}")
     if len(set(schema.names)) < len(schema):
         raise ValueError("it has two columns of the same name")
-    # A long text may be in every row: as a dictionary it is in memory only once.
+    # With dictionary encoding, a long text that is in every row is in memory only once.
     file = parquet.ParquetFile(
         pa.BufferReader(data),
         read_dictionary=[field.name for field in schema if pa.types.is_string(field.type)],
@@ -179,14 +179,14 @@ def _is_number(kind: Any) -> bool:
 
 
 def _texts(values: Any) -> Arrays:
-    """Return a column of texts as codes, -1 for a missing text, with the distinct texts concatenated in UTF-8."""
+    """Return a column of texts as codes (-1: missing text), the distinct texts concatenated in UTF-8, and their ends."""
     encoded = values.unify_dictionaries().combine_chunks()
-    if not hasattr(encoded, "indices"):  # a chunked array, if pyarrow keeps it so
+    if not hasattr(encoded, "indices"):  # pyarrow has returned a chunked array
         encoded = encoded.chunk(0) if encoded.num_chunks else None
     if encoded is None:
         return {"codes": np.empty(0, np.int32), "ends": np.empty(0, np.int64), "text": np.empty(0, np.uint8)}
     words = [word.encode() for word in encoded.dictionary.to_pylist()]
-    codes = encoded.indices.to_numpy(zero_copy_only=False)  # floats, if a code is missing
+    codes = encoded.indices.to_numpy(zero_copy_only=False)  # floats with NaN if a text is missing
     return {
         "codes": np.where(np.isfinite(codes), codes, -1).astype(np.int32),
         "ends": np.cumsum([len(word) for word in words], dtype=np.int64),

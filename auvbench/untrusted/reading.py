@@ -1,9 +1,9 @@
 """Read untrusted files: bytes, JSON and YAML, with limits that are checked before a document is built.
 
 Only a regular file of limited size is read: never a silent pipe or an endless device. PyYAML's loaders
-compose recursively, so 100,000 brackets or dashes would crash the process. Aliases let a document of some
-hundred bytes stand for billions of values. So the parser's events, which arrive one by one, are counted
-first.
+compose recursively, so 100,000 brackets or dashes would crash the process. With aliases, a document of some
+hundred bytes can expand to billions of values. So the parser's events, which arrive one by one, are counted
+before the document is built.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DOCUMENT = 16 * 1024**2
 DATA = 256 * 1024**2
 """largest unpacked size of a table or of trajectories in bytes; a million training episodes have 200 million bytes"""
 WEIGHTS = 2 * 1024**3
-"""largest file of a policy or a checkpoint in bytes"""
+"""largest size of a policy or checkpoint file in bytes"""
 
 DEPTH = 100
 """largest number of levels of nesting; a run's configuration has six"""
@@ -117,10 +117,9 @@ def yaml_value(data: bytes) -> Any:
 
 
 def check_yaml(data: bytes) -> None:
-    """Reject YAML that is nested too deeply, repeats itself too often, names the type of a value, or has a
-    key that is not a text.
+    """Reject YAML with too deep nesting, too many values from aliases, a tag (type of a value), or a key that is not a text.
 
-    A text that is not YAML passes: the loader rejects it, with the position.
+    Invalid YAML passes this check: the loader rejects it later and names the position.
 
     Raises:
         ValueError: the text was rejected; the message is one line.
@@ -196,7 +195,7 @@ _KINDS = {
 
 
 def no_yaml(error: yaml.YAMLError) -> str:
-    """Return what is wrong with a text that is not YAML, in one line."""
+    """Return the error of the YAML parser in one line."""
     mark = getattr(error, "problem_mark", None)
     line = f"line {mark.line + 1}: " if mark is not None else ""
     return f"{line}{getattr(error, 'problem', None) or 'not valid YAML'}"

@@ -1,12 +1,12 @@
-"""Read untrusted binary files in separate processes; this module is the command's side.
+"""Read untrusted binary files in separate processes. This module runs in the command, `reader.py` in these processes.
 
     with Child(TABLE, data, columns=None, most=100) as child:
         note, arrays = child.answer()
 
-A server is started with the first file. It forks a child for each file, which takes a few milliseconds. Each child
-has limits of memory and time, and can open neither files nor sockets (`reader.py`). If a child ends for any reason, a
-`ValueError` of one line is raised. Nothing that a child sends is trusted: it sends arrays of numbers whose type, shape
-and length are checked, and never a pickle.
+The first file starts a server, which forks a child for each file in a few milliseconds. Each child has limits of memory
+and time, and can open neither files nor sockets. If a child ends too early, for any reason, the command gets a
+`ValueError` of one line. Nothing that a child sends is trusted: the command checks type, shape and length of the arrays
+of numbers, and never unpickles.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class Child:
             self.close()
 
     def ask(self, note: Mapping[str, Any], arrays: Mapping[str, Any]) -> tuple[dict[str, Any], Arrays]:
-        """Send a request and return its answer, as `answer` does, with new limits."""
+        """Send a request and return the child's answer (see `answer`); the limits of time and bytes start anew."""
         if self._why:
             raise ValueError(self._why)
         self._renew()
@@ -167,7 +167,7 @@ class Child:
 
 
 class _Timed:
-    """Channel with a deadline for all parts of a message."""
+    """Channel with one deadline for all parts of a message."""
 
     def __init__(self, channel: socket.socket, seconds: float) -> None:
         self._channel, self._until = channel, time.monotonic() + seconds
@@ -230,7 +230,7 @@ class _Server:
                 ask()
                 answer = self._control.recv(reader.PID.size)
             except BaseException:
-                self._control.close()  # an unread answer would be taken as the next one
+                self._control.close()  # otherwise the next request would read this request's answer
                 raise
             if not answer:
                 raise BrokenPipeError

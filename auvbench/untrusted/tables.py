@@ -23,7 +23,12 @@ MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
 
 
 def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str] = ()) -> pd.DataFrame:
-    """Return a table of comma-separated values, or only its columns `only`; the columns `words` stay text.
+    """Return a table of comma-separated values.
+
+    Args:
+        data: content of the file.
+        only: names of the columns to return; None: all columns.
+        words: names of the columns that stay text.
 
     Raises:
         ValueError: the data are not a table.
@@ -36,7 +41,7 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
         options |= {"dtype": dict.fromkeys(words, str), "na_values": MISSING, "keep_default_na": False}
     try:
         table: pd.DataFrame = pd.read_csv(io.BytesIO(data), **options)
-        # in a text column "nan" is a text
+        # pandas has read a text such as "nan" as missing: in a text column it must stay a text.
         if any(table[name].isna().any() for name in words if name in table):
             options["na_values"] = {name: MISSING for name in table if name not in words}
             table = pd.read_csv(io.BytesIO(data), **options)
@@ -46,9 +51,13 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
 
 
 def read_parquet(data: bytes, columns: Collection[str] | None = None) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a table, or only its columns `columns`, and the texts of its footer; text columns become categories.
+    """Return the table in a Parquet file, and the texts in the file's footer by key; text columns become categorical.
 
     A separate process reads the file (`sandbox.py`).
+
+    Args:
+        data: content of the file.
+        columns: names of the columns to return; None: all columns.
 
     Raises:
         ValueError: the file is not Parquet, is damaged, too large, or has nested or unknown types.
@@ -93,7 +102,7 @@ def parquet(frame: pd.DataFrame, notes: dict[str, str]) -> bytes:
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
 
-    # Without pandas' own entry, so that the bytes do not depend on its version.
+    # Remove the metadata of pandas, so that the bytes do not depend on the version of pandas.
     table = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None)
     # Counters and trajectories change little from row to row: delta encoding takes half the bytes of a
     # dictionary.

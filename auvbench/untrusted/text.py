@@ -35,7 +35,7 @@ def plain_lines(text: str) -> str:
 
 
 def short(text: object, limit: int = LONGEST) -> str:
-    """Return `plain` text, cut at `limit` characters."""
+    """Return the text as `plain` does, cut to at most `limit` characters."""
     shown = plain(str(text)[: 2 * limit] if len(str(text)) > 2 * limit else text)
     if len(shown) <= limit:
         return shown
@@ -101,7 +101,7 @@ def forgiving() -> None:
 
 
 def say(text: str) -> None:
-    """Print a line to standard error; do nothing if it is closed or full."""
+    """Print a line to standard error; do nothing if standard error is closed or cannot be written."""
     with contextlib.suppress(OSError, ValueError):
         print(text, file=sys.stderr, flush=True)
 

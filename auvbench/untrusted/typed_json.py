@@ -38,7 +38,7 @@ Prose = NewType("Prose", str)
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Limits, inclusive, of a number or of a text's length."""
+    """Inclusive limits of a number, or of the length of a text."""
 
     low: float
     high: float = math.inf
@@ -67,7 +67,7 @@ def convert(value: object, schema: type[T]) -> T:
     """Convert a value of plain dictionaries and lists to `schema`.
 
     Raises:
-        ValueError: an entry is wrong; the message names it, its value and what is valid.
+        ValueError: an entry is wrong; the message names the entry, its value and the valid values.
 
     >>> convert({"a": [0, 1]}, dict[str, list[Count]])
     {'a': [0, 1]}
