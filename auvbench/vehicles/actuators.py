@@ -43,8 +43,8 @@ class Actuator:
     position: FloatArray
     """Position (3,) from the body origin, m"""
     direction: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """Unit vector (3,): direction of the force for a positive command, hinge (positive angles by the right-hand
-    rule), or axis of motion
+    """Unit vector (3,): a thruster's direction of force for a positive command, a fin's hinge (positive angles by the
+    right-hand rule), or a mass shifter's axis of motion
     """
     rate: float = 0.0
     """Largest change of the output per second, for a rate-limited actuator; 0: unlimited"""
@@ -53,7 +53,7 @@ class Actuator:
 
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
-        """Return the actuators of one group of a sheet; vectors are turned into body FLU by `turn` (3,)."""
+        """Return the actuators of one group of a sheet; the factors `turn` (3,) convert vectors to body FLU."""
         raise NotImplementedError
 
     @property
@@ -66,19 +66,19 @@ class Actuator:
 
     @property
     def unit(self) -> str:
-        """Return the unit of a command's physical quantity."""
+        """Return the unit of the physical quantity that a command sets."""
         return self.output
 
     def force(self, command: ArrayLike) -> FloatArray:
-        """Return the steady force (...) in N at a command (...) in [-1, 1]; zero unless this is a thruster."""
+        """Return the steady force in N at a command in [-1, 1], with the command's shape (...); zero unless this is a thruster."""
         return np.zeros_like(self.curve(command))
 
     def command(self, force: ArrayLike) -> FloatArray:
-        """Return the command (...) for a steady force (...) in N; zero unless this is a thruster."""
+        """Return the command for a steady force in N, with the force's shape (...); zero unless this is a thruster."""
         return np.zeros_like(np.asarray(force, dtype=np.float64))
 
     def coefficients(self, density: float, gravity: float) -> dict[str, float]:
-        """Return this kind's values of further fields of `dynamics.layout.ACTUATOR`; density in kg/m3, gravity in m/s2."""
+        """Return the kind-specific fields of `dynamics.layout.ACTUATOR` by name; density in kg/m3, gravity in m/s2."""
         return {}
 
     def warnings(self) -> list[str]:
@@ -268,7 +268,7 @@ class BuoyancyEngine(Actuator):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DropWeight(Actuator):
-    """A weight that is released forever by a command above 0.5."""
+    """A weight that a command above 0.5 releases permanently."""
 
     kind = "drop_weight"
     code = layout.DROP_WEIGHT
@@ -300,7 +300,7 @@ KINDS: dict[str, type[Actuator]] = {
 
 
 def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]:
-    """Return all actuators of a sheet, groups in the order written; `turn` (3,) turns vectors into body FLU."""
+    """Return all actuators of a sheet in the sheet's order; the factors `turn` (3,) convert vectors to body FLU."""
     units: list[Actuator] = []
     for name in document.mapping(("actuators",)):
         at = ("actuators", str(name))
@@ -325,7 +325,7 @@ def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str
 
 
 def _gains(document: Document, at: Keys, names: Sequence[str]) -> dict[str, float]:
-    """Return the factor on the force of each thruster of a group, for thrusters that have one in the sheet."""
+    """Return the force factors in the key `gain` of a group, by thruster; thrusters without a factor are left out."""
     where = (*at, "gain")
     values = document.sourced(where, "1")
     if not isinstance(values, Mapping):
@@ -341,7 +341,7 @@ def _gains(document: Document, at: Keys, names: Sequence[str]) -> dict[str, floa
 
 
 def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]:
-    """Return unit vectors: as given, or the x axis of a link with the given attitude."""
+    """Return unit vectors by actuator: the sheet's vectors, or for the key `angles` the x axis of a link with these angles."""
     where = (*at, key)
     if key == "angles":
         directions = {}

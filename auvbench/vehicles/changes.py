@@ -1,5 +1,4 @@
-"""Change a vehicle sheet: factors on its numbers, net buoyancy, a payload, a lag, and a remaining share of the force of
-single thrusters.
+"""Change a vehicle sheet: scale its numbers, set the net buoyancy, add a payload, set the thrusters' lag, or weaken thrusters.
 
 The result is a sheet again, so all code that reads sheets works with it.
 """
@@ -29,7 +28,7 @@ class Changes:
     """Changes, in the order of application."""
 
     scale: Mapping[str, float] = field(default_factory=dict)
-    """Factors by the names in `SCALES`; buoyancy changes with the mass, so that the net buoyancy stays"""
+    """Factors by the names in `SCALES`; the buoyancy changes with the mass, so that the net buoyancy stays the same"""
     net_buoyancy: float | None = None
     """Buoyancy less weight, N; None: unchanged"""
     payload: float = 0.0
@@ -37,9 +36,9 @@ class Changes:
     payload_at: Sequence[float] = (0.0, 0.0, 0.0)
     """Position of the payload in body FLU, m"""
     lag: float | None = None
-    """Time constant of every thruster's first-order lag, s; None: the sheet's lags"""
+    """Time constant of every thruster's first-order lag, s; None: keep the sheet's lags"""
     shares: Mapping[int, float] = field(default_factory=dict)
-    """Remaining share of thrust, by the thruster's number from 1"""
+    """Remaining fraction of a thruster's force; the keys are thruster numbers, counted from 1"""
 
     def __bool__(self) -> bool:
         """Return whether anything changes."""
@@ -47,14 +46,14 @@ class Changes:
 
 
 def changed(values: Mapping[str, Any], changes: Changes) -> dict[str, Any]:
-    """Return a sheet with changes.
+    """Return a copy of a sheet with the changes applied.
 
     Args:
         values: content of a sheet, without parents.
         changes: changes to apply.
 
     Raises:
-        VehicleError: the sheet is invalid, has no such thruster, or a change makes it invalid.
+        VehicleError: the sheet is invalid, lacks a thruster that the changes name, or becomes invalid by a change.
     """
     if not changes:
         return dict(values)
@@ -86,7 +85,7 @@ def _scale(content: dict[str, Any], scale: Mapping[str, float]) -> None:
             quantity = content[section].get(key)
             if quantity is not None:
                 value = factor * np.array(quantity["value"], dtype=np.float64)
-                # The range is for the unchanged sheet.
+                # The sheet's range may not contain the changed value.
                 entries = {name: entry for name, entry in quantity.items() if name != "range"}
                 content[section][key] = {**entries, "value": value.tolist()}
 
@@ -118,7 +117,7 @@ def _load(content: dict[str, Any], changes: Changes) -> None:
 
 
 def _thrust(content: dict[str, Any], changes: Changes) -> None:
-    """Set lag and gain of the thrusters."""
+    """Set the lag and the gains of the thrusters."""
     factor = changes.scale.get("thrust", 1.0)
     numbers = dict(enumerate(_thrusters(content), start=1))
     for number in changes.shares:

@@ -36,7 +36,7 @@ class Curve:
         return self.coefficients if self.kind == "polynomial" else self.table
 
     def __call__(self, command: ArrayLike) -> FloatArray:
-        """Return the value at `command` (...), clipped to [-1, 1]."""
+        """Clip `command` (...) to [-1, 1] and return the curve's value there."""
         a = np.clip(np.asarray(command, dtype=np.float64), -1.0, 1.0)
         if self.kind == "linear":
             low, high = self.limits
@@ -60,9 +60,10 @@ class Curve:
         )
 
     def inverse(self, value: ArrayLike) -> FloatArray:
-        """Return a command (...) for `value`, clipped to the range of the curve's monotone part.
+        """Return the command at which the curve has `value` (...).
 
-        For a value of 0 inside a dead band, the command is the middle of the band, 0.
+        Values beyond the curve's monotone part around command 0 are clipped to the range of that part. If the curve has a
+        dead band, the command for value 0 is 0, the middle of the band.
         """
         value = np.asarray(value, dtype=np.float64)
         if self.kind == "linear":
@@ -103,7 +104,7 @@ class Lag:
 
     @property
     def delay(self) -> float:
-        """Mean delay in s: -G'(0) of G(s) = C (s - A)^-1 B."""
+        """Return the mean delay in s: -G'(0) for G(s) = C (s - A)^-1 B."""
         if self.order == 0:
             return 0.0
         return float(self.C @ np.linalg.solve(self.A, np.linalg.solve(self.A, self.B)))
@@ -156,7 +157,7 @@ class Lag:
 
 @cache
 def t200_table() -> dict[str, FloatArray]:
-    """Return Blue Robotics' public T200 measurements at 16 V (September 2019), by pulse width 1100 .. 1900 us."""
+    """Return Blue Robotics' public T200 measurements at 16 V (September 2019): columns for pulse widths of 1100 to 1900 us."""
     path = resources.files("auvbench.vehicles") / "data" / "t200_16v.csv"
     with path.open(encoding="utf-8") as lines:
         rows = np.loadtxt((line for line in lines if not line.startswith("#")), delimiter=",", skiprows=1)
@@ -165,14 +166,14 @@ def t200_table() -> dict[str, FloatArray]:
 
 @cache
 def t200_curve() -> Curve:
-    """Return the thrust of a T200 at 16 V in N over the normalised pulse width."""
+    """Return the curve of a T200 at 16 V: thrust in N; the command is the normalised pulse width."""
     force = t200_table()["force_N"]
     return Curve("table", (float(force[0]), float(force[-1])), table=force, voltage=16.0)
 
 
 @cache
 def t200_forces() -> tuple[FloatArray, FloatArray]:
-    """Return the voltages (6,) of Blue Robotics' public T200 measurements, and the forces (6, 201) in N by pulse width."""
+    """Return Blue Robotics' public T200 measurements: voltages (6,), and forces in N by voltage and pulse width (6, 201)."""
     path = resources.files("auvbench.vehicles") / "data" / "t200_force.csv"
     with path.open(encoding="utf-8") as lines:
         _, heading, *rows = lines
@@ -181,7 +182,7 @@ def t200_forces() -> tuple[FloatArray, FloatArray]:
 
 
 def t200_at(voltage: float) -> Curve:
-    """Return the thrust of a T200 at a supply voltage from 10 to 20 V, linear between the measured voltages."""
+    """Return the curve of a T200 at a supply voltage from 10 to 20 V, interpolated between the measured voltages."""
     voltages, forces = t200_forces()
     upper = int(np.clip(np.searchsorted(voltages, voltage), 1, voltages.size - 1))
     share = (voltage - voltages[upper - 1]) / (voltages[upper] - voltages[upper - 1])

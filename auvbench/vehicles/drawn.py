@@ -1,6 +1,7 @@
 """Draw vehicles from the joint covariance of an identified sheet: which numbers are drawn, and how a vehicle differs from its sheet.
 
-Draws are differences from the estimates, which are the sheet's numbers. A difference of 0 changes no bit of the sheet.
+A draw is a difference from the estimates, which are the sheet's numbers. A difference of 0 leaves the vehicle unchanged to
+the last bit.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 REACH = 3.0
-"""Largest distance of a drawn number from its estimate, in standard deviations; draws beyond it are clipped"""
+"""Largest distance of a drawn number from its estimate, in standard deviations; draws farther away are clipped"""
 PLACES: dict[str, int] = {
     name: place
     for place, name in enumerate(
@@ -41,22 +42,14 @@ PLACES: dict[str, int] = {
         )
     )
 }
-"""Index in `layout.CHANGE` of each parameter of an identification that has a field there."""
+"""Position of a parameter's value in a record of `layout.CHANGE`; other parameters of an identification have no such value."""
 HELD = ("delay",)
 """Parameters of an identification that vehicle models do not have."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnVehicles:
-    """Distribution of the vehicles that are drawn from an identification.
-
-    Args:
-        vehicle: vehicle with an identification.
-        spread: factor on the standard deviations.
-
-    Raises:
-        ConfigError: the identification names a parameter that vehicles do not have.
-    """
+    """Distribution of the vehicles that are drawn from an identification; `of` creates it."""
 
     vehicle: VehicleModel
     identified: Identified
@@ -67,6 +60,16 @@ class DrawnVehicles:
 
     @classmethod
     def of(cls, vehicle: VehicleModel, identified: Identified, spread: float) -> DrawnVehicles:
+        """Return the distribution for a vehicle.
+
+        Args:
+            vehicle: vehicle of the sheet.
+            identified: identification of the vehicle.
+            spread: factor on the standard deviations.
+
+        Raises:
+            ConfigError: the identification names a parameter that vehicles do not have.
+        """
         thrusters = [f"gain.{unit.name}" for _, unit in vehicle.thrusters]
         known = [*PLACES, *HELD, "thrust", "voltage", *thrusters]
         for name in identified.parameters:
@@ -79,7 +82,7 @@ class DrawnVehicles:
         return cls(vehicle, identified, root, REACH * np.sqrt(np.sum(root**2, axis=1)))
 
     def changes(self, x: FloatArray) -> tuple[NDArray[Any], FloatArray]:
-        """Return how vehicles differ from their sheet: records (k,) of `layout.CHANGE`, and factors (k, n_u) on the actuators' forces.
+        """Return how k drawn vehicles differ from the sheet: records (k,) of `layout.CHANGE`, and factors (k, n_u) on the forces.
 
         Args:
             x: (k, n_p) differences of the normalised values from the estimates.
@@ -114,18 +117,18 @@ class DrawnVehicles:
         return gains
 
     def extreme(self, damping: float) -> VehicleModel:
-        """Return a vehicle at the limits of all draws: with the strongest thrusters, and the net buoyancy farthest from 0.
+        """Return a vehicle at the limits of all draws, with the strongest thrusters and the net buoyancy farthest from 0.
 
         Args:
-            damping: 1 for the smallest mass and the most damping, whose motion settles fastest; -1 for the sheet's mass and the
-                least damping, which moves fastest.
+            damping: 1: the smallest mass and the most damping, for the shortest time constant; -1: the sheet's mass and the
+                least damping, for the highest speed.
         """
         names = self.identified.parameters
         net = 1.0 if self.vehicle.buoyancy >= self.vehicle.weight else -1.0
         signs = {"linear_damping": damping, "quadratic_damping": damping, "net_buoyancy": net}
         signs |= dict.fromkeys(("mass", "inertia", "added_mass"), -max(damping, 0.0))
         signs |= dict.fromkeys(("thrust", "gain", "voltage"), 1.0)
-        # The centre of buoyancy away from the origin: the largest righting moment.
+        # Moving the centre of buoyancy away from the origin gives the largest righting moment.
         signs["center_of_buoyancy"] = 1.0 if self.vehicle.center_of_buoyancy[2] >= 0.0 else -1.0
         x = np.array([signs.get(name.partition(".")[0], 0.0) for name in names]) * self.reach
         changes, gains = self.changes(x[None])
@@ -133,7 +136,11 @@ class DrawnVehicles:
 
 
 def held(vehicle: VehicleModel) -> tuple[str, ...]:
-    """Return the parameters that stay at their estimates: the delay, and lag and voltage unless the sheet's thrusters depend on them."""
+    """Return the names of the parameters that stay at their estimates.
+
+    These are the delay, the lag unless all thrusters have a first-order lag, and the voltage unless a thruster's curve
+    depends on it.
+    """
     thrusters = [unit for _, unit in vehicle.thrusters]
     lagged = all(unit.lag.order == 1 and unit.rate == 0.0 for unit in thrusters)
     supplied = any(unit.curve.voltage > 0.0 for unit in thrusters)
@@ -141,24 +148,25 @@ def held(vehicle: VehicleModel) -> tuple[str, ...]:
 
 
 def strength(volts: FloatArray, supply: float) -> FloatArray:
-    """Return factors that convert the thrust of a T200 at `supply` V to its thrust at the voltages `volts`, by least squares.
+    """Return the ratios of a T200's thrust at the voltages `volts` to its thrust at `supply` V, by least squares over commands.
 
-    The tables are linear between the measured voltages, and so are the factors.
+    Like the thrust tables, the ratios are interpolated linearly between the measured voltages.
     """
     return np.interp(volts, *_strengths(supply))
 
 
 @cache
 def _strengths(supply: float) -> tuple[FloatArray, FloatArray]:
-    """Return the measured voltages, and `strength` at them."""
+    """Return the measured voltages, and the values of `strength` at these voltages."""
     grid = np.arange(VOLTAGES[0], VOLTAGES[1] + 0.1, 2.0)
     own = t200_at(supply).table
     return grid, np.array([t200_at(at).table @ own / (own @ own) for at in grid.tolist()])
 
 
 def changed(vehicle: VehicleModel, change: Any, gains: FloatArray) -> VehicleModel:
-    """Return a vehicle that differs from its sheet by a record of `layout.CHANGE` and by factors (n_u,) on its thrusters' forces. The
-    record's factor on lags is not used.
+    """Return the vehicle after a `change`, a record of `layout.CHANGE`, and with factors `gains` (n_u,) on its thrusters' forces.
+
+    The factor on lags in the record is not applied.
     """
     inertia, added = np.sqrt(change["inertia"]), np.sqrt(change["added_mass"])
     mass = float(change["mass"])

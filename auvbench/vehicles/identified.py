@@ -21,8 +21,9 @@ LISTS = ("parameters", "prior", "sd", "logarithmic", "fitted")
 class Identified:
     """Result of the identification of a vehicle from logs.
 
-    A parameter is `prior` exp(`sd` x) where it is logarithmic, else `prior` + `sd` x, with x normal of mean `fitted` and
-    covariance `covariance`. Parameters that the logs do not identify have x = 0 and nearly the prior's variance, 1.
+    The value of a logarithmic parameter is `prior` exp(`sd` x), the value of any other parameter `prior` + `sd` x. The
+    normalised values x are jointly normal with mean `fitted` and covariance `covariance`. A parameter that the logs do not
+    identify has mean 0 and nearly the prior's variance, 1.
     """
 
     parameters: tuple[str, ...]
@@ -32,7 +33,7 @@ class Identified:
     fitted: FloatArray
     covariance: FloatArray
     delay: float
-    """Time in s from a command to its execution; vehicle models do not have it."""
+    """Time in s from a command to its execution; vehicle models have no such delay."""
     errors: Mapping[str, Mapping[float, float]]
     """90 % quantile of the absolute prediction error on the logs, by channel and horizon in s."""
 
@@ -41,17 +42,18 @@ class Identified:
         return np.where(self.logarithmic, self.prior * np.exp(self.sd * x), self.prior + self.sd * x)
 
     def root(self, held: Collection[str] = ()) -> FloatArray:
-        """Return L (n_p, n_p), with which `fitted` + L z has the joint distribution for z standard normal.
+        """Return L (n_p, n_p), so that `fitted` + L z has the joint distribution if z is standard normal.
 
         Args:
-            held: parameters that stay at their estimate; the others have their conditional distribution.
+            held: parameters that stay at their estimates; all other parameters get their distribution given these estimates.
         """
-        # The first columns of a Cholesky factor belong to the first parameters: with columns of 0, these parameters stay.
+        # Put the held parameters first. Only the first columns of a Cholesky factor move the first parameters, so columns of
+        # 0 keep the held parameters at their estimates.
         order = sorted(range(len(self.parameters)), key=lambda j: self.parameters[j] not in held)
         L = np.zeros_like(self.covariance)
         for k, j in enumerate(order):
             rest = self.covariance[order[k:], j] - L[order[k:], :k] @ L[j, :k]
-            # A pivot of 0: the parameters before it determine this one.
+            # If the pivot is 0, the earlier parameters determine this parameter, and its column stays 0.
             if rest[0] > 1e-12 * max(1.0, self.covariance[j, j]):
                 L[order[k:], k] = rest / np.sqrt(rest[0])
         L[:, : sum(name in held for name in self.parameters)] = 0.0

@@ -31,7 +31,7 @@ DIRECTIONS = (
 """Names of the positive and the negative direction of each axis in FLU"""
 
 _PRIORITY = (0, 1, 2, 5, 3, 4)
-"""Order in which axes count as independently actuated: a vehicle with too few thrusters lacks roll or pitch first."""
+"""Order in which `independent_axes` tests the axes; roll and pitch come last, so they are missing first."""
 
 
 def net_buoyancy(vehicle: VehicleModel) -> float:
@@ -61,7 +61,7 @@ class Trim:
 
     roll: float  # rad
     pitch: float  # rad, positive = bow down
-    moment: float  # N m/rad, stiffness that rights the vehicle; W BG if it is level at rest
+    moment: float  # N m/rad, restoring stiffness; W BG for a vehicle that is level at rest
 
     @property
     def determined(self) -> bool:
@@ -86,7 +86,7 @@ def static_trim(vehicle: VehicleModel) -> Trim:
 
 
 def heel(vehicle: VehicleModel, moment: float) -> float | None:
-    """Return the angle in rad from trim at which the righting moment balances `moment` in N m; None if it cannot."""
+    """Return the angle in rad from trim at which the righting moment balances `moment` in N m; None if `moment` is too large."""
     righting = static_trim(vehicle).moment
     return float(np.arcsin(moment / righting)) if moment < righting else None
 
@@ -94,9 +94,9 @@ def heel(vehicle: VehicleModel, moment: float) -> float | None:
 def largest_force(vehicle: VehicleModel, axis: int, sign: float, *, moments: bool = True) -> float:
     """Return the largest force (N) or moment (N m) of the thrusters along one axis only.
 
-    The other axes get zero, except those that the thrusters cannot command independently: a BlueROV2 cannot
-    surge without a pitching moment. Without `moments`, only the other two forces must be zero, as on a
-    bollard.
+    The thrusters' forces and moments along all other axes are zero, except along axes that the thrusters cannot command
+    independently: a BlueROV2 cannot surge without a pitching moment. If `moments` is False, only the forces along the
+    other two axes must be zero, as in a bollard-pull test.
     """
     from scipy.optimize import linprog
 
@@ -138,7 +138,7 @@ def rise_time(mass: float, force: float, linear: float, quadratic: float) -> flo
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Performance of the thrusters along one axis in one direction, level and steady."""
+    """Performance of the thrusters along one axis in one direction, for steady motion of the level vehicle."""
 
     axis: int
     sign: int  # +1 or -1 along the axis in FLU
@@ -148,8 +148,8 @@ class Reach:
         float  # m/s, terminal speed by thrust and B - W along heave; equal to `speed` on other axes
     )
     rise_time: float  # s from rest to 63 % of the speed
-    bollard_force: float  # N, largest force if moments need not be balanced; `force` for the three rotations
-    bollard_speed: float  # m/s, terminal speed at the bollard force of a vehicle that is held straight
+    bollard_force: float  # N, largest force if moments need not be balanced; equal to `force` for rotations
+    bollard_speed: float  # m/s, terminal speed under the bollard force, with the vehicle held straight
 
     @property
     def direction(self) -> str:
@@ -211,7 +211,7 @@ def shortest_drawn_time_constant(
     Args:
         vehicle: vehicle of the sheet.
         drawn: lowest and highest factor on mass, buoyancy, inertia, added_mass, damping and thrust.
-        keep_trim: whether the buoyancy follows the weight before its own factor is applied.
+        keep_trim: whether the buoyancy first changes by as much as the weight, before the factor on buoyancy is applied.
     """
     (light, heavy), (low, high) = drawn["mass"], drawn["buoyancy"]
     corners = []
@@ -235,13 +235,13 @@ def shortest_drawn_time_constant(
 
 
 def _time_constant(vehicle: VehicleModel, thrust: float, lift: float, righting: float) -> float:
-    """Return the time constant in s; thrust is a factor, lift in N, the largest righting moment in N m."""
+    """Return the shortest time constant in s; `thrust` is a factor on the forces, `lift` is in N, `righting` in N m."""
     limits = thrust * np.abs(vehicle.force_limits).max(axis=1)
     largest = np.abs(vehicle.allocation) @ limits
     largest[2] += lift
     largest[3:] += righting
     D_l, D_q = vehicle.linear_damping, vehicle.quadratic_damping
-    # For linear damping the speed does not matter, and may be infinite.
+    # With only linear damping, the result does not depend on the speed, which may be infinite.
     speed = [terminal_speed(f, d, q) if q > 0.0 else 0.0 for f, d, q in zip(largest, D_l, D_q, strict=True)]
     fastest = float(np.abs(np.linalg.eigvals(vehicle.M_inverse * (D_l + 2.0 * D_q * speed))).max())
     return 1.0 / fastest if fastest > 0.0 else float("inf")
@@ -255,7 +255,7 @@ def free_speed(vehicle: VehicleModel) -> float:
 
 
 def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
-    """Return the Jacobian (8, 8) of (roll, pitch, u, v, w, p, q, r) about level, trimmed flight ahead at `speed`."""
+    """Return the Jacobian (8, 8) of (roll, pitch, u, v, w, p, q, r) about level motion ahead at `speed` m/s."""
     M_A = vehicle.coriolis_sign * vehicle.M_A
     r_g, r_b = vehicle.center_of_gravity, vehicle.center_of_buoyancy
 
@@ -289,7 +289,7 @@ def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Instability:
-    """Instability of straight, unsteered flight ahead above some speed."""
+    """Instability of straight motion ahead without control, above some speed."""
 
     plane: str  # pitch (vertical plane) or yaw (horizontal plane)
     above: float  # m/s
@@ -298,13 +298,13 @@ class Instability:
 
 
 _PLANES = {"pitch": [1, 2, 4, 6], "yaw": [0, 3, 5, 7]}
-"""States that move together in a vehicle with left-right symmetry; each plane is examined separately."""
+"""Indices of the states of `_linearised` in each plane; with left-right symmetry, the two planes are not coupled"""
 
 
 def instabilities(vehicle: VehicleModel) -> list[Instability]:
-    """Return the instabilities of straight flight ahead, by its eigenvalues.
+    """Return the instabilities of straight motion ahead, from the eigenvalues of the linearised equations.
 
-    Flight is unstable where the Munk moment exceeds damping and restoring moment.
+    The motion is unstable at speeds at which the Munk moment exceeds the damping and restoring moments.
     """
     rows = [row for row in reach(vehicle) if row.axis == 0 and row.sign > 0]
     if not rows or not np.isfinite(rows[0].speed):

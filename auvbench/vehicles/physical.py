@@ -1,7 +1,7 @@
 """Command a vehicle with physical quantities (newtons, radians) instead of commands in [-1, 1].
 
-A command that arrives over a network is in N. Converting it to a command of the sheet's curve and back to newtons
-would change its last bits. Here it is multiplied by a power of two, which changes no bits.
+A command that arrives over a network is in N. Converting it to a normalised command with the sheet's curve, and back to
+newtons, would change its last bits. Here a command is scaled only by a power of two, which changes no bits.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class PhysicalCommands:
         for unit in vehicle.units:
             low, high = _reach(unit.curve)
             factor = 2.0 ** math.ceil(math.log2(max(-low, high, 1e-300)))
-            # A polynomial, since the zero of a linear curve would be at the sheet's neutral value.
+            # A polynomial, since at command 0 a linear curve would have the sheet's neutral value.
             plain = Curve(
                 "polynomial",
                 (-factor, factor),
@@ -68,11 +68,10 @@ class PhysicalCommands:
         return np.asarray(self.quantities(np.array([values]))[0])
 
     def quantities(self, values: FloatArray) -> FloatArray:
-        """Return quantities (n, n_u) that convert back to `values` (n, n_u), in the curves' own units,
-        without loss.
+        """Return the quantities for `values` of the curves, (n, n_u), so that converting them back loses no bit.
 
-        A rotor's thrust is quadratic in its speed, so there are more numbers in newtons than speeds. In extended
-        precision each conversion is rounded once, and the conversion back gives the speed to the last bit.
+        A rotor's thrust is quadratic in its speed, so two different speeds in float64 have different thrusts in float64.
+        Each conversion uses extended precision and is rounded once, so the conversion back gives the speed to the last bit.
         """
         out = np.array(values, dtype=np.float64)
         for a in self._rotating:

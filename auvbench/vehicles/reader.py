@@ -1,7 +1,7 @@
 """Find and read vehicle sheets: names, files, and inheritance.
 
-A `Document` is a sheet's content: quantities with sources, and messages that name the file, the key and the
-rule.
+A `Document` has a sheet's content. Its methods return quantities after checking their sources, and raise errors that name
+the file, the key and the rule.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
 
-if TYPE_CHECKING:  # a composed configuration needs no arrays
+if TYPE_CHECKING:  # composing a configuration needs no NumPy
     import numpy as np
     from numpy.typing import NDArray
 
@@ -51,14 +51,14 @@ def sheet_names() -> list[str]:
 
 
 def read(source: str | Path | Mapping[str, Any]) -> Document:
-    """Return the document of a mapping, of a YAML file's path, or of a known sheet's name."""
+    """Return the document for a sheet's content as a mapping, the path of a YAML file, or the name of a known sheet."""
     document = _read(source)
     document.data = _without_nulls(document.data)
     return document
 
 
 def _without_nulls(node: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the mapping without null keys; a sheet drops an inherited key by setting it to null."""
+    """Return the mapping without keys whose value is null; a sheet drops an inherited key by setting it to null."""
     return {
         key: _without_nulls(value) if isinstance(value, Mapping) else value
         for key, value in node.items()
@@ -182,7 +182,7 @@ class Document:
     label: str
     """Name of the file, or of the vehicle of a composed configuration"""
     used: set[str] = field(default_factory=set)
-    """Sources that a quantity has named"""
+    """Keys of the sources that the quantities read so far have named"""
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
         """Raise a `VehicleError` that names `path` and the rule."""
@@ -234,7 +234,7 @@ class Document:
     def quantity(self, path: Keys, unit: str, shapes: tuple[tuple[int, ...], ...] = ((),)) -> FloatArray:
         """Return the array of a sourced quantity `{value, unit, source}` in `unit` with one of `shapes`.
 
-        A quantity may have a `range`, the lowest and the highest value that sources give or that a bench allows.
+        A quantity may have a `range`: the lowest and the highest value in the sources, or on a test bench.
         """
         value = self.numbers((*path, "value"), self.sourced(path, unit, "range"), shapes)
         if "range" in self.mapping(path):
@@ -298,7 +298,7 @@ class Document:
         import numpy as np
 
         try:
-            if isinstance(value, str):  # numpy would convert such texts
+            if isinstance(value, str):  # NumPy would convert a text such as "1.5" to a number
                 raise TypeError
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError):

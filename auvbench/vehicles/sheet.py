@@ -93,7 +93,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
 
 
 def _sources(document: Document) -> tuple[tuple[str, str], ...]:
-    """Return the citations of the sources that a number of the sheet names; inherited sources may be unused."""
+    """Return the citations of the sources that the sheet's numbers name, without unused sources of a parent sheet."""
     citations = []
     for key in document.mapping(("sources",)):
         path = ("sources", str(key))
@@ -213,7 +213,7 @@ def _hydrodynamics(
 
 
 def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -> tuple[bool, str]:
-    """Return whether added mass has a Coriolis term, and the plug-in's release if the term is not Fossen's."""
+    """Return whether added mass has a Coriolis term, and the release of Gazebo's plugin that has this term; '': Fossen's term."""
     at = ("hydrodynamics", "added_mass_coriolis")
     value = section.get("added_mass_coriolis", True)
     if isinstance(value, Mapping):
@@ -250,7 +250,7 @@ def _controllable(document: Document) -> tuple[str, ...]:
 
 
 def _hull(document: Document) -> tuple[float, float] | None:
-    """Return the radius and the length in m of a row of spheres; None if the sheet has no hull."""
+    """Return the hull as the radius and length in m of a row of spheres; None if the sheet has no hull."""
     if "hull" not in document.mapping(()):
         return None
     section = document.section(("hull",), ("radius",), ("length",))
@@ -275,11 +275,11 @@ def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
 
 
 def refuse_stiff_vehicle(name: str, shortest: float) -> None:
-    """Raise VehicleError for a vehicle whose damping acts so fast that the physics step would have to be tiny.
+    """Raise VehicleError for a vehicle with such a short time constant that the physics step would have to be tiny.
 
     Args:
         name: name of the vehicle, for the message.
-        shortest: shortest time constant in s, of the vehicle or of the fastest vehicle that may be drawn.
+        shortest: shortest time constant in s, of the vehicle or of any vehicle that a randomisation may draw.
 
     Raises:
         VehicleError: the time constant is below `SHORTEST`, or NaN.

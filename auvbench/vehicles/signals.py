@@ -1,4 +1,4 @@
-"""Commands that excite a vehicle for identification. They need only NumPy, so that a vehicle's own computer can fly them."""
+"""Compute commands that excite a vehicle for identification, with NumPy only: this also runs on a vehicle's own computer."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ INTERVAL = 0.02
 
 
 def direction(vehicle: VehicleModel, axis: str) -> FloatArray:
-    """Return thruster forces (n_u,) in N that push along one axis only, if the thrusters can do so, with one thruster at its limit."""
+    """Return thruster forces (n_u,) in N along one axis, with the most loaded thruster at its limit.
+
+    The forces and moments along all other controllable axes are zero.
+    """
     B = vehicle.allocation
     wanted = np.zeros(6)
     wanted[AXES.index(axis)] = 1.0
@@ -45,12 +48,12 @@ def telegraph(
     """Return commands (T, n_u), one row every `INTERVAL` s: random levels of force along one axis after another.
 
     Args:
-        vehicle: vehicle that flies the signal.
-        axes: axes in their order; each gets the same share of the time.
+        vehicle: vehicle that the commands excite.
+        axes: axes in their order; each axis gets the same share of the time.
         duration: duration of the signal, s.
-        amplitude: largest share of the force along an axis, up to 1.
+        amplitude: largest level, as a fraction of the largest force along an axis, up to 1.
         generator: source of the times and levels.
-        lift: constant force along heave in N, if the thrusters push along it.
+        lift: constant force along heave in N; ignored if heave is not controllable.
     """
     rows = round(duration / INTERVAL)
     force = np.zeros((rows, len(vehicle.units)))
@@ -63,7 +66,7 @@ def telegraph(
         while at < (number + 1) * share:
             hold = max(1, round(float(generator.uniform(SHORT, LONG)) / INTERVAL))
             end = min(at + hold, (number + 1) * share)
-            # Two levels of each sign: the ratio of linear to quadratic damping needs two speeds.
+            # Two levels of each sign, since telling linear from quadratic damping needs two speeds.
             force[at:end] = sign * amplitude * float(generator.choice([0.4, 1.0])) * push
             at, sign = end, -sign
     if lift and "heave" in vehicle.controllable:

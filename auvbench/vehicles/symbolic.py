@@ -1,14 +1,14 @@
 """Build the equations of `dynamics/equations.py` as CasADi expressions from a vehicle's sheet.
 
 These are for methods that need derivatives of the motion: model predictive control and time-optimal bounds.
-The unit tests compare a step of these equations with the compiled kernel's, for every vehicle with only
+The unit tests compare a step of these equations with a step of the compiled kernel, for every vehicle with only
 thrusters.
 
 State (13 + n_a): x y z (m, world ENU), qw qx qy qz (body to world), u v w p q r (m/s, rad/s, body FLU), then
 the states of the thrusters' lags in the order of the actuators. Input (n_u): steady thrusts in N, even for a
 thruster with a rotor, since the rotor's speed as a function of thrust has no finite slope at rest. A lag of
-higher order is replaced by a first-order lag with the same mean delay, which acts on the thrust. The current
-is constant in the world, (3,) m/s.
+higher order is replaced by a first-order lag of the thrust with the same mean delay. The current is constant in the
+world, (3,) m/s.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Direct:
     """A CasADi function of dense arrays, called without CasADi's conversion of arguments and results. The conversion takes
     longer than the evaluation of a small function.
 
-    A call returns new arrays. Only one thread may call it at a time.
+    A call returns new arrays. Only one thread at a time may call an instance.
     """
 
     def __init__(self, function: Any) -> None:
@@ -153,12 +153,12 @@ def symbolic(vehicle: VehicleModel) -> SymbolicModel:
 
 
 def _first_order(lag: Lag) -> Lag:
-    """Return the first-order lag with the same mean delay."""
+    """Return `lag` if its order is at most 1, else the first-order lag with the same mean delay."""
     return lag if lag.order <= 1 else Lag.first_order(lag.delay)
 
 
 def _rigid(ca: Any, vehicle: VehicleModel, n_u: int) -> Any:
-    """Return the rigid body's equations, driven by thrusts."""
+    """Return the CasADi function of the rigid body: (state (13), thrusts (n_u) in N, current (3)) -> derivative of the state."""
     x, f, current = ca.SX.sym("x", RIGID), ca.SX.sym("f", n_u), ca.SX.sym("c", 3)
     q, nu = x[3:7], x[7:13]
     nu_dot, R = _acceleration(ca, vehicle, q, nu, ca.DM(vehicle.allocation) @ f, current)
@@ -168,8 +168,9 @@ def _rigid(ca: Any, vehicle: VehicleModel, n_u: int) -> Any:
 
 
 def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, current: Any) -> tuple[Any, Any]:
-    """Return acceleration nu' (6) and R(q) (3, 3): M_RB nu' + C_RB nu + M_A (nu' - nu_c') + C_A nu_r + D nu_r
-    + g = tau.
+    """Return the acceleration nu' (6) and the rotation matrix R(q) (3, 3).
+
+    nu' solves M_RB nu' + C_RB nu + M_A (nu' - nu_c') + C_A nu_r + D nu_r + g = tau.
     """
     w, x, y, z = q[0], q[1], q[2], q[3]
     # Fossen 2011, eq. 2.65; without dividing by the quaternion's norm, as in the kernel.

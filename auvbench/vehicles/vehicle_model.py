@@ -40,7 +40,7 @@ class VehicleModel:
     controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
-    own_hull: tuple[float, float] | None = None  # m, radius and length of its hull, if the sheet has one
+    own_hull: tuple[float, float] | None = None  # m, radius and length of the sheet's hull
     identified: Identified | None = None  # result of an identification from logs, with the joint covariance
     plugin: str = ""  # release in `rigid_body.RELEASES` if C_A follows Gazebo's plugin instead of Fossen
 
@@ -48,9 +48,9 @@ class VehicleModel:
     def hull(self) -> tuple[float, float]:
         """Return the radius and the length in m of the row of spheres that approximates the vehicle's shape.
 
-        The spheres have this radius. Their centres are on the x axis over this length, with the origin in the middle. A sheet
-        without a hull gets one sphere, around all actuators and around a uniform box of the vehicle's mass and inertia, whose half
-        diagonal is sqrt(3 tr(I) / (2 m)).
+        All spheres have this radius. Their centres are on a segment of the x axis with this length, centred at the origin. If
+        the sheet has no hull, the shape is one sphere. It encloses all actuators and a uniform box with the vehicle's mass and
+        inertia; the half diagonal of the box is sqrt(3 tr(I) / (2 m)).
         """
         if self.own_hull is not None:
             return self.own_hull
@@ -110,12 +110,12 @@ class VehicleModel:
 
     @property
     def command_limits(self) -> FloatArray:
-        """Return the physical commands (n_u, 2) at -1 and at +1: N, rad/s, rad, m or m3."""
+        """Return the physical quantities (n_u, 2) at the commands -1 and +1, in N, rad/s, rad, m or m3."""
         return np.array([unit.curve.limits for unit in self.units]).reshape(-1, 2)
 
     @property
     def force_limits(self) -> FloatArray:
-        """Return the forces (n_u, 2) in N at command -1 and at +1; zero for other actuators than thrusters."""
+        """Return the forces (n_u, 2) in N at the commands -1 and +1; zero for actuators that are not thrusters."""
         return self.force(np.array([[-1.0], [1.0]]) * np.ones(len(self.units))).T
 
     def force(self, action: ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Warn about numbers of a vehicle that a pilot or modeller should know before relying on them."""
+"""Warn about properties of a vehicle that a pilot or modeller should know before using the vehicle."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
         text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
         text += f"; {', '.join(names_of_others)} act as well" if names_of_others else ""
         texts.append(text)
-    # actuators of one kind mostly share their curve, so its warning is printed once
+    # Most actuators of one kind share a curve, so a warning about the curve is printed only once.
     first: dict[str, str] = {}
     for unit in vehicle.units:
         for text in unit.warnings():
