@@ -114,7 +114,7 @@ class Declared:
 
 
 EARLIER = ("measure", "baseline", "margin", "seeds")
-"""Fields that also declarations of earlier versions of auvbench have"""
+"""Fields of every declaration, also if an earlier version of auvbench wrote it"""
 LATER = ("protocol", "conditions", "episodes", "scenario_seed")
 KNOWN = tuple(f.name for f in fields(Declared))
 

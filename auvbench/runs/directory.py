@@ -195,7 +195,7 @@ def place(config: Mapping[str, Any]) -> RunDirectory:
 
 
 def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = None) -> RunDirectory:
-    """Create the directory of a run, with its configuration and a pending manifest; return it if it exists already.
+    """Create and return the directory of a run, with its configuration and a pending manifest; keep an existing directory.
 
     If the run exists and is incomplete, the new configuration replaces the stored one. The two configurations may
     differ only in keys that are not part of the run's identity.

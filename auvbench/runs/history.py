@@ -66,7 +66,7 @@ def append(folder: Path, line: Line) -> None:
         try:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
-                raise OSError("it is a device, or has a second name")
+                raise OSError("it is not a regular file, or it has a second hard link")
             # If a full disk or a power cut truncated the last line, a line break keeps the new line separate.
             cut = status.st_size > 0 and os.pread(descriptor, 1, status.st_size - 1) != b"\n"
             os.write(descriptor, b"\n" * cut + line.text.encode()[:LONGEST] + b"\n")

@@ -113,7 +113,10 @@ def immediate() -> Iterator[Request]:
 
 
 def cause(error: BaseException) -> KeyboardInterrupt | None:
-    """Return the interruption that caused an error, since a library may replace an interruption by its own error; else None."""
+    """Return the interruption in an error's chain of causes; None if the chain has no interruption.
+
+    A library may catch an interruption and raise its own error.
+    """
     links: list[BaseException] = []
     link: BaseException | None = error
     while link is not None and link not in links:

@@ -175,7 +175,10 @@ def verify(run: str | Path, every: float = 0.0) -> None:
 
 
 def current(run: str | Path) -> Holder | None:
-    """Return the holder that holder.json names, even if it has ended; its token is '' if the file is damaged. None without the file."""
+    """Return the holder that holder.json names, even if the holder has ended; None if the file does not exist.
+
+    If the file is damaged, the holder is unknown and has the token ''.
+    """
     path = _holder_path(Path(run))
     try:
         holder = typed_json.read(path, Holder, 1 << 16)

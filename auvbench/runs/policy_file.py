@@ -109,7 +109,7 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
     """
     if card.actuators != vehicle.actuators:
         raise ConfigError(
-            f"algo.path={where}: its card is of {card.vehicle.name}, which has the actuators {', '.join(card.actuators)}; "
+            f"algo.path={where}: its card is for the vehicle {card.vehicle.name}, which has the actuators {', '.join(card.actuators)}; "
             f"vehicle={vehicle.name} has {', '.join(vehicle.actuators)}"
         )
     own = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
@@ -132,7 +132,7 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
         )
     if card.frequency_hz != config.step.frequency:
         raise ConfigError(
-            f"step.frequency={config.step.frequency:g}: the card of {where} says that it acts at {card.frequency_hz:g} Hz; "
+            f"step.frequency={config.step.frequency:g}: the card of {where} says that the policy acts at {card.frequency_hz:g} Hz; "
             f"type step.frequency={card.frequency_hz:g} (a protocol may test it at another frequency)"
         )
 

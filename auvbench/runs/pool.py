@@ -168,7 +168,7 @@ class Pool:
         """Repeat the jobs one by one after the workers have died; yield as `results` does."""
         self._end()
         names = ", ".join(map(str, jobs))
-        reason = f"a worker was killed, possibly out of memory; each {what} under way is repeated: {names}"
+        reason = f"a worker was killed, possibly out of memory; each active {what} is repeated: {names}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)
         for key, arguments in jobs.items():
             try:

@@ -208,7 +208,10 @@ def t200_power() -> tuple[float, FloatArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Power:
-    """Electrical power of a thruster in W: power_scale * P_T200(force / force_scale), with the measured curve of the T200 (`docs/physics.md`)."""
+    """Electrical power of a thruster in W: power_scale * P_T200(force / force_scale).
+
+    P_T200 is the measured power of the T200 at 16 V by force (`docs/physics.md`).
+    """
 
     force_scale: float = 1.0
     power_scale: float = 1.0

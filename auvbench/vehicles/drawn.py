@@ -120,8 +120,8 @@ class DrawnVehicles:
         """Return a vehicle at the limits of all draws, with the strongest thrusters and the net buoyancy farthest from 0.
 
         Args:
-            damping: 1: the smallest mass and the most damping, for the shortest time constant; -1: the sheet's mass and the
-                least damping, for the highest speed.
+            damping: 1 gives the smallest mass and the most damping, for the shortest time constant. -1 gives the sheet's mass
+                and the least damping, for the highest speed.
         """
         names = self.identified.parameters
         net = 1.0 if self.vehicle.buoyancy >= self.vehicle.weight else -1.0
@@ -164,7 +164,7 @@ def _strengths(supply: float) -> tuple[FloatArray, FloatArray]:
 
 
 def changed(vehicle: VehicleModel, change: Any, gains: FloatArray) -> VehicleModel:
-    """Return the vehicle after a `change`, a record of `layout.CHANGE`, and with factors `gains` (n_u,) on its thrusters' forces.
+    """Return a copy of a vehicle with a record of `layout.CHANGE`, and factors (n_u,) on the thrusters' forces, applied to it.
 
     The factor on lags in the record is not applied.
     """

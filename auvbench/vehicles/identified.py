@@ -22,8 +22,8 @@ class Identified:
     """Result of the identification of a vehicle from logs.
 
     The value of a logarithmic parameter is `prior` exp(`sd` x), the value of any other parameter `prior` + `sd` x. The
-    normalised values x are jointly normal with mean `fitted` and covariance `covariance`. A parameter that the logs do not
-    identify has mean 0 and nearly the prior's variance, 1.
+    normalised values x are jointly normal with mean `fitted` and covariance `covariance`. For a parameter that the logs
+    do not identify, x has mean 0 and nearly the prior's variance, 1.
     """
 
     parameters: tuple[str, ...]

@@ -31,7 +31,7 @@ DIRECTIONS = (
 """Names of the positive and the negative direction of each axis in FLU"""
 
 _PRIORITY = (0, 1, 2, 5, 3, 4)
-"""Order in which `independent_axes` tests the axes; roll and pitch come last, so they are missing first."""
+"""Order in which `independent_axes` tests the axes: with too few thrusters, roll or pitch is the first axis that is missing"""
 
 
 def net_buoyancy(vehicle: VehicleModel) -> float:

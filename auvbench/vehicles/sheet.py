@@ -270,7 +270,7 @@ def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
         document.fail(
             ("controllable",),
             f"rank-deficient allocation: the thrusters span {rank} of the {len(rows)} degrees of freedom declared "
-            f"({', '.join(vehicle.controllable)}); move a thruster or declare fewer",
+            f"({', '.join(vehicle.controllable)}); move a thruster or declare fewer degrees of freedom",
         )
 
 

@@ -1,4 +1,7 @@
-"""Compute commands that excite a vehicle for identification, with NumPy only: this also runs on a vehicle's own computer."""
+"""Compute commands that excite a vehicle for identification.
+
+The module needs only NumPy, so that it also runs on a vehicle's own computer.
+"""
 
 from __future__ import annotations
 

@@ -342,7 +342,10 @@ def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("vehicle=bluerov2_heavy", r"its card is of bluerov2, which has the actuators thruster1"),
+        (
+            "vehicle=bluerov2_heavy",
+            r"its card is for the vehicle bluerov2, which has the actuators thruster1",
+        ),
         ("step.frequency=25", r"acts at 10 Hz; type step.frequency=10"),
         ("task.position_frame=body", r"type task.position_frame=world"),
     ],
