@@ -264,7 +264,7 @@ def _evaluate(
         "model": integrity.digests(run.manifest(), "model/"),
         "seed": protocol.seed,
         "scenarios": protocol.scenarios,
-        # Rows of a ROS 2 simulation depend on the clock that counts its steps.
+        # The results of a served simulation depend on the clock that timed its steps, so each clock is recorded.
         **({"clocks": clocks} if clocks else {}),
         **({"sealed": _seal(run, protocol, conditions)} if isinstance(protocol, sealed.Protocol) else {}),
         "conditions": [part.summary for part in results],

@@ -90,7 +90,7 @@ def parser() -> Parser:
     parser.add_argument(
         "--yaw",
         type=number(-360, 360),
-        help="heading at the station of --goal in degrees (default: 0, east)",
+        help="heading to hold at the station --goal, in degrees (default: 0, east)",
     )
     parser.add_argument(
         "--depth",
