@@ -137,7 +137,7 @@ def measures() -> dict[str, Measure]:
 
 
 def _limit(agent: Agent, column: str) -> FloatArray:
-    """Return the limit of a step or time column: an array (seeds, episodes), or one number for all episodes."""
+    """Return the limit of an episode's length in the unit of `column`: an array (seeds, episodes), or one number for all episodes."""
     limit = np.asarray(agent.step_limit)
     if column == "steps":
         return limit

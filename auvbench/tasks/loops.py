@@ -385,12 +385,14 @@ def _mentions(function: Any, name: str) -> bool:
 def _with_compiled(
     module: dict[str, Any], replacements: Mapping[int, Any], compile_row: Callable[..., Any]
 ) -> dict[str, Any]:
-    """Return the namespace of a module of blocks, with compiled copies of its functions that call each other.
+    """Return a copy of the namespace of a module of blocks, in which compiled copies replace the module's own functions.
+
+    The copies call each other, not the plain functions.
 
     Args:
-        module: the names of the module.
-        replacements: compiled functions by the identity of the plain functions that they replace.
-        compile_row: compiles a function.
+        module: namespace of the module.
+        replacements: compiled functions, by the `id` of the plain function that each one replaces.
+        compile_row: function that compiles a function.
     """
     namespace = dict(module)
     for name, value in module.items():

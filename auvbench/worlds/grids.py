@@ -67,7 +67,7 @@ def read(path: Path | str, digest: str = "") -> Grid:
         data = reading.content(path, reading.DATA)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from None
-    # Checked first, so that another person's configuration can only use a file whose content that person knows.
+    # Check a digest before parsing: errors of the parser quote the file, so the author of a configuration must know the file already.
     if digest not in ("", sha256(data).hexdigest()):
         raise ValueError(f"differs from the file with the SHA-256 {short(digest, 12)}; name that file")
     return _parsed(data, ending)

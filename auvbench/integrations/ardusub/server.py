@@ -45,7 +45,8 @@ class FrameCheck:
         """Check a packet's PWM in us.
 
         Raises:
-            UserError: ArduSub drives fewer motors than the vehicle has, or the eight motors of another frame.
+            UserError: ArduSub drives fewer motors than the vehicle has, or it is set to the frame vectored_6dof and the
+                vehicle has the frame vectored.
         """
         count = len(self._motors.order)
         turning = any(driven_pulse(p) and abs(p - NEUTRAL) > _DIFFERENCE for p in pwm[:count])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec, n: int) -> Any:
-    """Return the filter of the commands of N episodes with observations of `spec`; None if the configuration has no filter.
+    """Return the command filter for `n` episodes whose observations have the layout `spec`; None without a filter.
 
     Raises:
         ConfigError: the filter cannot protect the vehicle.

@@ -25,7 +25,7 @@ from auvbench.worlds.solids import NO_HEIGHTS, SOLID
 Floats = NDArray[np.float64]
 
 FAR = 1e6
-"""Distance to the nearest solid, m, if no solid is near"""
+"""Range of the search for the nearest solid, m; also the distance that is returned if no solid is within this range"""
 
 
 class Protection:

@@ -1,10 +1,10 @@
-"""Use the vehicle's sheet as a sensor of the velocity through the water, which works without bottom lock of the DVL.
+"""Model aiding: measure the velocity through the water with the dynamic model of the vehicle's sheet, also without bottom lock.
 
-The sheet's equations of motion are integrated with the agent's commands. The equations take attitude and rates from the estimate but
+The equations of motion, with the sheet's numbers, are integrated with the agent's commands. The equations take attitude and rates from the estimate but
 integrate their own velocity, so that the errors of this velocity are independent of the errors of the estimate (Hegrenaes and Hallingstad,
 "Model-aided INS with sea current estimation for robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL
-measures the velocity over ground, and the sheet gives the velocity through the water. The difference of the two velocities is the current,
-which is two states of the filter.
+measures the velocity over ground, and the model gives the velocity through the water. Their difference is the current,
+whose two horizontal components are states of the filter.
 """
 
 from __future__ import annotations

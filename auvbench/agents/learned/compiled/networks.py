@@ -32,7 +32,7 @@ STATISTICS = np.dtype(
         ("centre", np.float32),  # subtracted mean
         ("inverse", np.float32),  # reciprocal deviation
         ("average", np.float32),  # batch mean
-        ("share", np.float32),  # derivative of the variance with respect to the batch variance
+        ("share", np.float32),  # derivative of the variance in `inverse` with respect to the batch variance
         ("pull", np.float32),  # derivative of the negative subtracted mean with respect to the batch variance
     ]
 )
