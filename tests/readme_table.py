@@ -55,12 +55,13 @@ ROOT = Path(__file__).parents[1]
 SEARCHED = {"pid": "PID", "lqr": "LQR", "smc": "SMC", "mpc": "MPC"}
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
 MORE_AGENTS = ("MPC, tuned", "MPC", "PID", "LQR", "SMC", "PPO added to PID", "PPO", "SAC", "TD3")
-FIRST = {  # title, measure, protocol and condition of the suite of 2026
-    "waypoints": ("par1_time_s", "suite_2026", "still-water"),
-    "other model": ("par1_time_s", "suite_2026", "vehicle=bluerov2-vonbenzon2022"),
-    "stations": ("mean_position_error_rms_m", "suite_2026", "still-water"),
-    "in 0.5 m/s": ("mean_position_error_rms_m", "suite_2026_conditions", "current=0.5"),
-    "in sea state 3": ("mean_position_error_rms_m", "suite_2026_conditions", "sea-state=3"),
+FIRST = {  # title, task, measure, protocol and condition of the suite of 2026
+    "waypoints": ("", "mean", "suite_2026", "still-water"),
+    "other model": ("", "mean", "suite_2026", "vehicle=bluerov2-vonbenzon2022"),
+    "stations": ("station_keeping", "mean", "suite_2026", "still-water"),
+    "stations, 0.5 m/s": ("station_keeping", "mean", "suite_2026_conditions", "current=0.5"),
+    "docks": ("docking", "success_rate", "suite_2026", "still-water"),
+    "docks, dead thruster": ("docking", "success_rate", "suite_2026_conditions", "dead-thruster"),
 }
 FIRST_AGENTS = (
     "MPC, tuned",
@@ -164,29 +165,29 @@ def leaderboard() -> str:
 
 
 def first_answers() -> str:
-    """Return mean times to waypoints and mean errors at stations under some conditions of the suite of 2026."""
-    found = {
-        (row["measure"], row["protocol"], row["condition"], row["agent"]): row
+    """Return mean times to waypoints, mean errors at stations and success at docks under some conditions of the suite of 2026."""
+    rows = {
+        (row["vehicle"].partition(", task ")[2], row["protocol"], row["condition"], row["agent"]): row
         for row in _rows(SUITE_2026, "by_condition.csv")
     }
-    columns = []
-    for key in FIRST.values():
-        rows = [found.get((*key, agent)) for agent in FIRST_AGENTS]
-        least = min(float(row["mean"]) for row in rows if row)
-        columns.append([_answer(row, key[0], least) for row in rows])
+    columns = [
+        [_answer(rows.get((task, protocol, condition, agent)), measure) for agent in FIRST_AGENTS]
+        for task, measure, protocol, condition in FIRST.values()
+    ]
     return _table(
         ("tuned agents", *FIRST), [agent.removesuffix(", tuned") for agent in FIRST_AGENTS], columns
     )
 
 
-def _answer(row: dict[str, str] | None, measure: str, least: float) -> str:
-    """Return a mean, and the share of successful episodes where it is not all of them; a dash if it was not tested."""
+def _answer(row: dict[str, str] | None, column: str) -> str:
+    """Return a mean with the share of successful episodes where it is not all of them, or the share; a dash if it was not tested."""
     if row is None:
         return "–"
-    value = float(row["mean"])
-    scaled, unit = (value, "s") if measure == "par1_time_s" else (100.0 * value, "cm")
-    shown = f"{scaled:.{1 if unit == 's' or scaled < 10.0 else 0}f}{NO_BREAK}{unit}"
-    return _with_share(shown, float(row["success_rate"]), value == least)
+    value, share = float(row[column]), float(row["success_rate"])
+    if column == "success_rate":
+        return f"{_per_cent(share)}{NO_BREAK}%"
+    scaled, unit = (value, "s") if row["measure"] == "par1_time_s" else (100.0 * value, "cm")
+    return _with_share(f"{scaled:.{1 if unit == 's' or scaled < 10.0 else 0}f}{NO_BREAK}{unit}", share, False)
 
 
 def waters() -> str:
