@@ -5,8 +5,9 @@ half a substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -
 identity -> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
 
 Tables (n_u, LANES) have a row for each actuator: `value` is the static curve's value for the command, `output` the
-output of the dynamics, and `thrust` the effectiveness times the thrust scale. `kept` and `moved` are A and B of lags
-that differ between vehicles. `inner` (states, LANES) contains the states of all dynamics.
+output of the dynamics, and `thrust` the effectiveness times the thrust scale. `kept` and `moved` contain the
+coefficients A and B of x' = A x + B u, for first-order lags whose time constants differ between vehicles.
+`inner` (states, LANES) contains the states of all dynamics.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ FloatArray = NDArray[np.float64]
 
 @inline
 def interpolated(tables: FloatArray, row: int, points: int, position: float) -> float:
-    """Return the value of a row of equally spaced points, interpolated at `position`: 0 is the first point, points - 1 the last."""
+    """Interpolate a row of a table linearly at `position`; the row contains equally spaced points, with point k at position k."""
     k = max(min(int(position), points - 2), 0)
     left: float = tables[row, k]
     right: float = tables[row, k + 1]
@@ -154,7 +155,7 @@ def hold_commands(
     moved: FloatArray,
     own_lags: bool,
 ) -> None:
-    """Start a step: compute static curves, commanded forces and power, present outputs and the first wrench."""
+    """Start a step: compute the static curves' values, the commanded forces and power, and the actuators' present outputs and wrench."""
     last = command.shape[0] - 1
     for lane in range(LANES):
         i = min(block * LANES + lane, last)
@@ -202,7 +203,7 @@ def _outputs(
 
 @inline
 def _scaled_lag(actuator: Record) -> bool:
-    """Return whether an actuator is a thruster with a first-order lag: only these lags have a factor for each vehicle."""
+    """Return whether an actuator is a thruster with a first-order lag; `lag_factor` scales only the lags of such thrusters."""
     return bool(actuator.kind == THRUSTER and actuator.order == 1 and actuator.rate == 0.0)
 
 
@@ -210,9 +211,10 @@ def _scaled_lag(actuator: Record) -> bool:
 def _discretise_lags(
     ws: Record, actuators: Record, discrete: Record, kept: FloatArray, moved: FloatArray
 ) -> None:
-    """Write A and B (n_u, LANES) of first-order lags with the sheet's time constants multiplied by each vehicle's `lag_factor`.
+    """Write A and B (n_u, LANES) of first-order lags after the sheet's time constants are multiplied by each vehicle's `lag_factor`.
 
-    A = exp(-h / T) becomes A^(1 / factor), and B changes so that the static gain stays. A factor of 1 changes no bit.
+    With h as half a substep, A = exp(-h / T) becomes A^(1 / factor). B changes so that the static gain stays the same.
+    With a factor of 1, A and B keep all bits.
     """
     for a in range(actuators.shape[0]):
         if not _scaled_lag(actuators[a]):
@@ -223,9 +225,9 @@ def _discretise_lags(
             moved[a, lane] = B * ((1.0 - kept[a, lane]) / (1.0 - A))
 
 
-# There is one function for each order of x' = A x + B u, y = C x, because a loop over the order would keep the state in memory.
-# Each function takes whole tables and an index, because a view costs more than the arithmetic. It reads the coefficients before
-# the loop, so that the compiler knows that no store can change the coefficients.
+# There is one function for each order of x' = A x + B u, y = C x, because a loop over the order would keep the state in memory,
+# not in registers. Each function takes whole tables and an index, because a view of a row costs more than the arithmetic. Each
+# function reads the coefficients before the loop, so that the compiler knows that the loop does not change them.
 
 
 @njit(nogil=True)
@@ -250,7 +252,7 @@ def _advance_own(
     output: FloatArray,
     inner: FloatArray,
 ) -> None:
-    """Advance first-order lags with each vehicle's own A and B (n_u, LANES)."""
+    """Advance one actuator's first-order lag; `kept` and `moved` (n_u, LANES) are A and B of each vehicle."""
     _, _, C = order_1(D[a])
     for lane in range(LANES):
         x = kept[a, lane] * inner[first, lane] + moved[a, lane] * value[a, lane]

@@ -1,15 +1,16 @@
 """Compiled actuators that are not thrusters: fins, mass shifter, buoyancy engine, drop weight.
 
-The kernel uses this module only for vehicles with such actuators, before every Runge-Kutta stage, because a fin's force
-depends on the flow at that stage.
+The kernel uses this module only for vehicles with such actuators. It calls `add_appendages` before every Runge-Kutta stage,
+because a fin's force depends on the flow at that stage.
 
 * Fin: lift and drag from the local relative flow, in the plane normal to the hinge; the hinge is normal to the x axis. Lift and
   drag are linear in the angle of attack, with one slope up to stall and another slope beyond stall. The model and the factor
   cos^2(sweep) come from gz-sim's LiftDrag system, for which the LRAUV's parameters were written.
-* Mass shifter: moves weight along its axis, which changes the restoring moment (its effect on M_RB and its own inertia are
-  neglected).
+* Mass shifter: moves a mass along its axis, which changes the restoring moment. The change of M_RB and the inertia force of the
+  moving mass are neglected.
 * Buoyancy engine: the force rho g (V - V_neutral) upward at the engine's position.
-* Drop weight: after its release, an upward force equal to its weight, at its position (its mass stays in M_RB, its volume in B).
+* Drop weight: after the release, an upward force at the position of the drop weight, equal to its weight. M_RB keeps the mass of
+  the drop weight, and B keeps its volume.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
     """
     hinge = vector(fin.axis)
     _, hinge_y, hinge_z = hinge
-    # The chord, x turned about the hinge: cos x + sin (hinge x x).
+    # The chord is the x axis, turned about the hinge: cos(angle) x + sin(angle) (hinge x x).
     chord = (math.cos(angle), math.sin(angle) * hinge_z, -math.sin(angle) * hinge_y)
     normal = cross(hinge, chord)
     spanwise = dot(v, hinge)
@@ -67,7 +68,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
     C_L = math.copysign(max(fin.lift_slope * within + fin.lift_slope_stall * beyond, 0.0), attack)
     C_D = abs(fin.drag_slope * within + fin.drag_slope_stall * beyond)
     cos2_sweep = square / (square + spanwise * spanwise)
-    # Dynamic pressure times area, divided by the speed, because the vectors that it multiplies below have the speed as length.
+    # Dynamic pressure times area, divided by the speed, because the length of the vectors below is the speed.
     pressure = 0.5 * fin.density * square * fin.area * cos2_sweep / math.sqrt(square)
     return subtract(scale(C_L * pressure, cross(hinge, across)), scale(C_D * pressure, across))
 

@@ -82,13 +82,14 @@ def _borrowed(typing: Any, array: Any) -> Any:
 def borrowed(array: Any) -> Any:
     """Return an array without a reference to its owner; the caller must keep the owner alive.
 
-    With the reference, numba would count references for each row. That costs more than the rest of a loop over episodes.
+    With a reference to the owner, numba would update the reference count for each row. That update costs more than the rest of a
+    loop over episodes.
     """
     return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
 
 
 def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile as `njit` does, without the interpreter's lock, and with a cache that a change of any source invalidates.
+    """Return a decorator like `njit` that releases the interpreter's lock and whose disk cache becomes invalid if any source changes.
 
     Args:
         folders: folders of the package whose functions or constants the function uses, in addition to its own folder.
@@ -97,7 +98,7 @@ def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], An
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher: Any = njit(cache=True, nogil=True, **NO_C, **options)(function)
-        if dispatcher is function:  # NUMBA_DISABLE_JIT: a debugger wants to see the Python
+        if dispatcher is function:  # NUMBA_DISABLE_JIT is set: a debugger needs the Python function
             return function
         dispatcher.__class__ = Stored
         paths = (Path(function.__code__.co_filename).parent, *(PACKAGE / folder for folder in folders))

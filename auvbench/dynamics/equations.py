@@ -86,7 +86,7 @@ def minus_coriolis(
 ) -> tuple[Vector, Vector]:
     """Return [force; torque] - C_RB(nu) nu - C_A(nu_r) nu_r, each C nu = [omega x p; v x p + omega x h].
 
-    `h` is the sum of both angular momenta. -v_r x p_A is the Munk moment, which turns a slender hull across the flow.
+    `h` is the sum of the angular momenta of M_RB and M_A. -v_r x p_A is the Munk moment, which turns a slender hull across the flow.
     """
     force = subtract(force, cross(omega, add(p, p_A)))
     torque = subtract(subtract(subtract(torque, cross(v, p)), cross(v_r, p_A)), cross(omega, h))

@@ -3,7 +3,7 @@
 Marine papers use body axes forward, starboard, down (FRD); auvbench uses forward, port, up (FLU). They differ by half
 a turn about x, which changes the sign of the second and third component of every vector. The same half turn converts
 the world axes north, east, down to north, west, up. Water has no preferred direction, so a motion in north-west-up is
-a motion in east-north-up with another zero of yaw. Since only signs change, nothing is rounded. Where north matters,
+a motion in east-north-up with another direction of zero yaw. Since only signs change, nothing is rounded. Where north matters,
 as for ArduPilot, use `ned` and `ned_attitude`.
 """
 

@@ -1,7 +1,7 @@
 """The compiled simulator: classical Runge-Kutta for many vehicles at once, in blocks of 16. `equations` has the equations of motion.
 
-The state of the batch has a row for each vehicle. Each block is copied into a workspace, in which each quantity is
-stored side by side for 16 vehicles, advanced there by all substeps of a step, and copied back.
+The state of the batch has a row for each vehicle. The kernel copies each block into a workspace, which stores each quantity
+side by side for 16 vehicles. It advances the block there by all substeps of a step, and then copies the block back.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def copy_state(source: Record, target: Record, lane: int) -> None:
 
 @njit(nogil=True)
 def _begin(ws: Record) -> None:
-    """Set y and s to x."""
+    """Copy the state x at the start of a substep to y, the state at the first stage, and to s, the sum of the stages."""
     x, y, s = ws.x, ws.y, ws.s
     for lane in range(LANES):
         copy_state(x, y, lane)
@@ -75,7 +75,7 @@ def _begin(ws: Record) -> None:
 
 @njit(nogil=True)
 def _finish(ws: Record) -> None:
-    """Set x to s, with a unit quaternion."""
+    """Copy s, the sum of the stages, to the state x, and normalise the quaternion."""
     x, s = ws.x, ws.s
     for lane in range(LANES):
         copy_state(s, x, lane)
@@ -86,7 +86,7 @@ def _finish(ws: Record) -> None:
 def _gather(
     ws: Record, block: int, poses: Record, velocities: Record, currents: Record, externals: Record
 ) -> None:
-    """Copy one block into the workspace; lanes past the end repeat the last vehicle."""
+    """Copy one block into the workspace; lanes after the last vehicle repeat this vehicle."""
     last = poses.shape[0] - 1
     x, current, external = ws.x, ws.current, ws.external
     for lane in range(LANES):
@@ -132,8 +132,8 @@ def advance(
     actuators: FloatArray,  # records of ACTUATOR (n_u,)
     discrete: FloatArray,  # records of DISCRETE (n_u,) for half a substep
     tables: FloatArray,  # (k, points)
-    # Off-diagonal added mass, actuators with dynamics, actuators that are not thrusters, C_A of Gazebo's early plugin, lags
-    # that differ between vehicles.
+    # Whether the vehicles have: off-diagonal added mass; actuators with dynamics; actuators that are not thrusters; C_A of Gazebo's
+    # early plugin; lags whose time constants differ between vehicles.
     flags: tuple[bool, bool, bool, bool, bool],
     blocks: tuple[int, int],  # first block, one past the last
     substeps: int,

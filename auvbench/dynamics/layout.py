@@ -67,7 +67,7 @@ VEHICLE = record(
     m_r_g=(3,),  # m r_g, kg m
     I_b=SYMMETRIC,  # inertia about CO, kg m2
     M_A=SYMMETRIC_6,
-    # M_A as C_A(nu_r) nu_r uses it: 0 if the sheet switches this term off, -M_A for the term of a Gazebo release.
+    # M_A as C_A(nu_r) nu_r uses it: 0 if the sheet switches this term off, -M_A if the sheet selects a Gazebo release.
     M_A_coriolis=SYMMETRIC_6,
     D=VELOCITY,  # linear damping of v_r (N s/m) and omega (N m s)
     D_n=VELOCITY,  # quadratic damping (N s2/m2, N m s2)

@@ -1,4 +1,4 @@
-"""Compute, for the vehicles of a block, the current at each depth, the velocity through the water, and Gazebo's early term."""
+"""Compute the current at each vehicle's depth, the velocity through the water, and the early Gazebo plugin's Coriolis term."""
 
 from __future__ import annotations
 

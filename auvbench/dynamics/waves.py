@@ -64,13 +64,13 @@ S3, S5, S7, S9, S11, S13 = ((-1.0) ** (n // 2) / math.factorial(n) for n in rang
 C2, C4, C6, C8, C10, C12, C14 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(2, 15, 2))
 E0, E1, E2, E3, E4, E5, E6, E7, E8, E9, E10 = (math.exp(-0.5) / math.factorial(n) for n in range(11))
 
-# Rows of the rays.
+# Indices of the rows of `Waves.rays`.
 COSINE, SINE, PHASE = (RAY.names.index(name) for name in ("cosine", "sine", "phase"))  # type: ignore[union-attr]
 
 
 @dataclass(slots=True)
 class Waves:
-    """Waves on n vehicles."""
+    """Waves that act on n vehicles."""
 
     components: FloatArray  # (m, 3) `layout.COMPONENT`: 1 / wave length in 1/m, frequency in Hz, amplitude of the surface's velocity in m/s
     rays: FloatArray  # (blocks, m, 3, LANES) `layout.RAY`: cosine and sine of the direction, phase at time 0 in turns
