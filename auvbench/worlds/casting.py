@@ -36,7 +36,7 @@ Integers = NDArray[np.int64]
 
 @inline
 def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
-    """Return whether a ray misses a sphere of radius `reach`; v points from the sphere's centre to the origin of the ray."""
+    """Return whether a ray of length `longest` misses a sphere of radius `reach`; v points from the sphere's centre to the ray's origin."""
     ahead = -dot(v, direction)
     if ahead < -reach or ahead - reach > longest:
         return True
@@ -47,9 +47,10 @@ def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
 def range_to(
     s: Record, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
 ) -> float:
-    """Return the distance in m along a ray to a solid's surface; more than `longest`, or infinity, if the ray does not reach the surface.
+    """Return the distance in m along a ray to a solid's surface; a result above `longest` means no hit within `longest`.
 
-    This function is not inlined into its callers: a ray misses most solids, and a short loop is twice as fast.
+    This function is not inlined into its callers, because a ray misses most solids, and the callers' loops are twice as fast
+    without its code.
     """
     o, d = to_solid(s, subtract(origin, position_at(s, time))), to_solid(s, direction)
     _, _, half_length = half = triple(s.half)
@@ -158,9 +159,9 @@ def range_below(solids: Any, heights: Floats, time: float, point: Vector, longes
 def nearest_surface(
     solids: Any, heights: Floats, time: float, point: Vector, longest: float
 ) -> tuple[float, int, Vector]:
-    """Return the signed distance in m to the nearest solid, the solid's index, and the gradient of the distance; see `first_hit`.
+    """Return the signed distance in m to the nearest solid, the solid's index, and the distance's gradient; arguments: see `first_hit`.
 
-    Without a solid nearer than `longest`, the result is `longest`, NOTHING and a zero vector.
+    If no solid is nearer than `longest`, the result is `longest`, NOTHING and a zero vector.
     """
     nearest, index, gradient = longest, NOTHING, ZERO
     for k in range(solids.shape[0]):
@@ -186,7 +187,7 @@ def cast(
     ranges: Floats,
     hits: Integers,
 ) -> None:
-    """Write the first hits of rays from `origins` (k, 3) along `directions` (k, 3): distances (k,) and indices (k,); see `first_hit`."""
+    """Write `first_hit` of each ray from `origins` (k, 3) along `directions` (k, 3): distances (k,) and indices of solids (k,)."""
     solids, heights = borrowed(solids), borrowed(heights)
     for r in range(ranges.shape[0]):
         ranges[r], hits[r] = first_hit(

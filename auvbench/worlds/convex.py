@@ -108,7 +108,7 @@ def overlap(a: Pair, b: Pair) -> Pair:
 
 @inline
 def hull(a: Pair, b: Pair) -> Pair:
-    """Return the part of a ray inside the union of two shapes, which must be convex; `a` and `b` are the parts inside each shape."""
+    """Return the shortest interval of a ray that contains the intervals `a` and `b`; it is the union's span if the union is convex."""
     (a_enter, a_leave), (b_enter, b_leave) = a, b
     return min(a_enter, b_enter), max(a_leave, b_leave)
 
@@ -127,7 +127,7 @@ def sphere_span(o: Vector, d: Vector, radius: float) -> Pair:
 
 @inline
 def tube_span(o: Vector, d: Vector, radius: float) -> Pair:
-    """Return the part of a ray in an endless cylinder along z."""
+    """Return the part of a ray in an infinitely long cylinder along z."""
     (x, y, _), (dx, dy, _) = o, d
     across = dx * dx + dy * dy
     if across < PARALLEL:

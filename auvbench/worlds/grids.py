@@ -55,7 +55,7 @@ def read(path: Path | str, digest: str = "") -> Grid:
 
     Args:
         path: file.
-        digest: SHA-256 that the file must have; '' for any.
+        digest: SHA-256 that the file must have; '' accepts any file.
 
     Raises:
         ValueError: the file cannot be read, has another digest, or has no regular grid of heights; the message is one line.
@@ -67,7 +67,8 @@ def read(path: Path | str, digest: str = "") -> Grid:
         data = reading.content(path, reading.DATA)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from None
-    # Check a digest before parsing: errors of the parser quote the file, so the author of a configuration must know the file already.
+    # Check the digest before parsing, because the parser's errors quote the file. Without this check, a configuration from another
+    # person could show the content of a file that this person does not know.
     if digest not in ("", sha256(data).hexdigest()):
         raise ValueError(f"differs from the file with the SHA-256 {short(digest, 12)}; name that file")
     return _parsed(data, ending)

@@ -19,11 +19,11 @@ Segments = NDArray[np.float64]
 SIDES = 16
 """number of segments of a circle"""
 LINES = 12
-"""largest number of lines of a bottom or a wall in each direction"""
+"""Number of lines of a plane in each direction; a bottom has at most about twice as many"""
 
 
 def outlines(solids: Solids, heights: Floats, low: Floats, high: Floats, time: float = 0.0) -> Segments:
-    """Return the segments (k, 2, 3) in m of solids inside a box; a moving solid also has a line from its position at time 0.
+    """Return segments (k, 2, 3) in m that draw solids inside a box, and a line from each moving solid's position at time 0 to the solid.
 
     Args:
         heights: heights of all height fields (see `solids.terrain`), m.
@@ -77,7 +77,7 @@ def _joined(points: Floats) -> Segments:
 
 
 def _circle(centre: Floats, u: Floats, v: Floats, turns: float = 1.0) -> Segments:
-    """Return a circle with the perpendicular radius vectors u and v (3,), or an arc of it if `turns` is less than 1."""
+    """Return the segments of a circle with the perpendicular radius vectors u and v (3,); if `turns` is less than 1, of an arc."""
     angles = np.linspace(0.0, 2.0 * math.pi * turns, round(SIDES * turns) + 1)[:, None]
     return _joined(centre + np.cos(angles) * u + np.sin(angles) * v)
 
@@ -88,7 +88,7 @@ def _sphere(solid: Any, low: Floats, high: Floats) -> Segments:
 
 
 def _upright(solid: Any, low: Floats, high: Floats) -> Segments:
-    """Return a capsule or a cylinder: circles, and lines along its axis."""
+    """Return the segments of a capsule or cylinder: circles, and lines parallel to the axis."""
     centre, axes = solid["position"], _axes(solid)
     u, v, half = (
         float(solid["radius"]) * axes[0],
@@ -122,7 +122,7 @@ def _box(solid: Any, low: Floats, high: Floats) -> Segments:
 def _plane(solid: Any, low: Floats, high: Floats) -> Segments:
     """Return a grid of lines on a plane, drawn from `low` to `high`."""
     _, _, normal = _axes(solid)
-    # The coordinate along the axis nearest to the normal follows from the two others.
+    # The plane's equation gives the coordinate along world axis k, the axis nearest to the normal, from the other two coordinates.
     k = int(np.abs(normal).argmax())
     i, j = (k + 1) % 3, (k + 2) % 3
     lines = []
@@ -137,7 +137,7 @@ def _plane(solid: Any, low: Floats, high: Floats) -> Segments:
 
 
 def _terrain(solid: Any, heights: Floats, low: Floats, high: Floats) -> Segments:
-    """Return lines along the rows and columns of the grid, as fine as the picture allows."""
+    """Return lines along the rows and columns of the grid, at most about 2 LINES in each direction."""
     axes, spacing = _axes(solid), float(solid["spacing"])
     corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
     own = (corners - solid["position"]) @ axes.T / spacing

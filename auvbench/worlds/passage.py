@@ -21,7 +21,7 @@ from auvbench.worlds.solids import triple
 CELL = 0.5
 """side of a cell of the map, m"""
 DARTS = 40
-"""largest number of darts thrown for each disc"""
+"""Largest number of darts (random positions) for each disc"""
 
 Key = tuple[int, int, int, int]
 """Seed, stream, episode and environment of the draws."""
@@ -95,7 +95,7 @@ def room_at(discs: Floats, x: float, y: float) -> float:
 
 @njit(nogil=True)
 def grid_of(distance: float, margin: float) -> tuple[int, int, int, int]:
-    """Return the rows and columns of the map, and the cells of start and goal."""
+    """Return the map's numbers of rows and columns, and the indices of the cells that contain start and goal."""
     columns = math.ceil((distance + 2.0 * margin) / CELL) + 1
     rows = 2 * math.ceil(margin / CELL) + 1
     middle = (rows - 1) // 2 * columns
@@ -113,7 +113,7 @@ def place_of(cell: int, rows: int, columns: int, margin: float) -> tuple[float, 
 def search(
     room: Floats, rows: int, columns: int, start: int, goal: int, least: float
 ) -> tuple[float, NDArray[np.int64]]:
-    """Return the length in m of the shortest way by Dijkstra's algorithm, and the predecessor of each cell on its way from the start.
+    """Return the length in m of the shortest way by Dijkstra's algorithm, and each cell's predecessor on the way from the start.
 
     The length is infinite if no way exists. The predecessor is -1 for the start and for cells that were not reached.
 
@@ -123,7 +123,7 @@ def search(
         columns: number of columns of the map.
         start: index of the cell of the start.
         goal: index of the cell of the goal.
-        least: smallest room of a free cell, m.
+        least: smallest distance of a free cell from the obstacles, m.
     """
     length = np.full(rows * columns, math.inf)
     before = np.full(rows * columns, -1)

@@ -19,7 +19,7 @@ from auvbench.worlds.passage import CELL, grid_of, place_of, search
 from auvbench.worlds.solids import triple
 
 MARGIN = 0.5
-"""Smallest distance between the vehicle and solids on a way, m; `route` tries half of it, then 0, if no way keeps it"""
+"""Smallest distance between the vehicle and solids on a way, m; if no way keeps this distance, `route` tries half of it, then 0"""
 CORNERS = 64
 """Largest number of points of a way"""
 LEVEL = 0.5
@@ -65,7 +65,7 @@ def leg(corners: Floats, k: int) -> float:
 def route(
     solids: Any, heights: Floats, start: Vector, goal: Vector, radius: float, side: float, out: Floats
 ) -> int:
-    """Write the corners and ends of the shortest way to `out` (CORNERS, 3), in m; return the number of points, 0 if no way exists.
+    """Fill `out` (CORNERS, 3) with the corners and ends of the shortest way, in m; return the number of points, 0 if no way exists.
 
     Args:
         solids: (n,) records of SOLID, which do not move.

@@ -103,7 +103,7 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
     """
     east, north = np.roll(heights, -1, 1), np.roll(heights, -1, 0)
     opposite = np.roll(east, -1, 0)
-    # Rise along x and along y of the triangle below and the triangle above the diagonal of each cell.
+    # Steepest rise over the length of a cell, of the triangle below and the triangle above each cell's diagonal.
     below = np.hypot(east - heights, opposite - east)
     above = np.hypot(opposite - north, north - heights)
     steepest = float(max(below.max(), above.max())) / spacing
@@ -123,7 +123,7 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
 
 
 def laid(field: Solids, corner: ArrayLike, yaw: float) -> Solids:
-    """Return a height field (1,) at another corner, with its x axis at a yaw in rad from east."""
+    """Return a copy of a height field (1,) with another corner (3,) in m and another yaw of the x axis, rad from east."""
     moved = field.copy()
     moved["position"] = corner
     moved["along_x"] = math.cos(yaw), math.sin(yaw), 0.0
@@ -132,7 +132,7 @@ def laid(field: Solids, corner: ArrayLike, yaw: float) -> Solids:
 
 
 def none() -> Solids:
-    """Return no solids (0,)."""
+    """Return an empty array (0,) of solids."""
     return np.zeros(0, SOLID)
 
 
@@ -163,7 +163,7 @@ def reach_of(kind: int, radius: float, half: ArrayLike) -> float:
 
 
 def _with_third(axis: ArrayLike) -> Floats:
-    """Return three unit vectors (3, 3); the third is along an axis."""
+    """Return three perpendicular unit vectors as rows (3, 3); the third has the direction of `axis`."""
     third = np.asarray(axis, dtype=np.float64)
     third = third / np.linalg.norm(third)
     other = np.eye(3)[np.argmin(np.abs(third))]
@@ -177,7 +177,7 @@ def _with_third(axis: ArrayLike) -> Floats:
 
 @inline
 def triple(a: Any) -> Vector:
-    """Return the three numbers of a field."""
+    """Return a field (3,) as a tuple."""
     return a[0], a[1], a[2]
 
 

@@ -45,7 +45,7 @@ def ground(corners: Corners, u: float, v: float) -> float:
 
 @inline
 def boundary(u: float, du: float, i: int) -> float:
-    """Return the distance along a ray to the end of column or row i."""
+    """Return the distance along a ray to the edge at which the ray leaves column or row i."""
     if du == 0.0:
         return math.inf
     return (i + 1 - u) / du if du > 0.0 else (i - u) / du
@@ -66,7 +66,8 @@ def terrain_range(s: Record, heights: Floats, o: Vector, d: Vector, longest: flo
     """Return the distance in m along a ray to the ground, from above or below; infinity if no hit is within `longest` (finite).
 
     The ray goes from cell to cell (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", Eurographics 1987). The
-    ray's height above a triangle is linear. The signs of this height at both ends of each part show whether the ray crosses the ground.
+    ray's height above a triangle is linear. The signs of this height at both ends of the ray's part over the triangle
+    show whether the ray crosses the ground.
     """
     (x, y, z), (dx, dy, dz) = o, d
     u, v, du, dv = x / s.spacing, y / s.spacing, dx / s.spacing, dy / s.spacing
@@ -139,7 +140,7 @@ def upward(corners: Corners, spacing: float, u: float, v: float) -> Vector:
 
 @inline
 def terrain_distance(s: Record, heights: Floats, p: Vector, longest: float) -> Signed:
-    """Return the signed distance of a point from the ground, negative below it.
+    """Return the signed distance of a point from the ground, negative for a point below the ground.
 
     The distance along z times the cosine of the steepest slope is a lower bound of the distance. If this bound is at least `longest`,
     the result is the bound. The nearest triangle is not farther than the distance along z, so the search covers only a square with this
