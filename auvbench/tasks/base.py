@@ -131,7 +131,7 @@ class Task:
         """Whether a block of the observation reads the vehicle's velocity"""
         self._names = names = tasks.blocks(config.task)
         self.block_owners = {name: owner_of_block(name, config.task) for name in config.task.block_packages}
-        """Name for messages of each block from a package, by the block's name; `installed` checks the numbers that these blocks write"""
+        """Names in messages of the blocks that come from packages, by block; `installed` checks the numbers that these blocks write"""
         codes = [spec.name for spec in loops.observed(names)]
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
@@ -307,7 +307,7 @@ class Task:
     def interpret(self) -> None:
         """Run the task's functions, reward and blocks as Python from now on, so that Python checks array indices.
 
-        The functions of `rows` that they call stay compiled.
+        The functions of `rows` that the task's functions call stay compiled.
         """
         self._take(interpreted=True)
 
@@ -337,7 +337,7 @@ class Task:
         away, most = (", ".join(f"{value:g}" for value in values) for values in (error, self.reach))
         return f"is ({away}) m from the {self.reference_key}; must be at most ({most}) m"
 
-    # Each of these functions acts on the environments start .. stop - 1, by default on all; threads divide the environments.
+    # Each of the next three functions acts on the environments start .. stop - 1, by default on all; each thread has its own environments.
 
     def protect(
         self, pose: Floats, velocity: Floats, action: Floats, start: int = 0, stop: int | None = None
@@ -348,7 +348,7 @@ class Task:
             self.filter.act(pose, velocity, action, self.observation, self._filtered, start, stop)
 
     def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
-        """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
+        """Return the command (n, n_u) for the actuators: an action (n, n_u) in [-1, 1] plus command noise, clipped to [-1, 1]."""
         own = self.rows, self._common, self.noise_scale, self.stream, self.command
         add_command_noise(start, self.n if stop is None else stop, action, *own)
         return self.command
@@ -507,7 +507,7 @@ class Task:
         """Return the fields of `episodes` that a checkpoint of version 2 stores as columns of floats."""
         has_goal = TASKS[self.name].has_goal
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
-        # The shortest way is only observed. It is left out, so that agents with and without this block have the same scenarios.
+        # Only an observation block reads the shortest way. Without this way in the list, a scenario's digest does not depend on the block.
         shown = [name for name, *_ in self.world.way] if self.world else []
         return [name for name in names if name not in (*self.transient, *shown)]
 
@@ -583,7 +583,7 @@ def _limits(config: schema.TrainConfig) -> dict[str, float]:
 
 
 def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
-    """Return one unit of command noise (n_u,) in units of the normalised action."""
+    """Return the factors (n_u,) that convert command noise to units of the normalised action."""
     if noise.command_unit == "normalised":
         return np.ones(len(vehicle.actuators))
     limits = np.asarray(vehicle.command_limits, dtype=np.float64)

@@ -27,7 +27,7 @@ LONGEST = 1e6
 
 
 def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> ObservationSpec:
-    """Return the observation with its bounds."""
+    """Return the specification of the observation, with bounds."""
     return observation_spec(config.task, vehicle.actuators, position_bounds(config, vehicle).tolist())
 
 
@@ -40,13 +40,13 @@ def position_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats
 
 
 def start_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
-    """Return the largest position errors (3,) in m whose readings are within the bounds of the observation."""
+    """Return the largest true position errors (3,) in m for which all readings stay within the bounds of the observation."""
     seconds = step_limit(config.task, config.step.frequency) / config.step.frequency
     return position_bounds(config, vehicle) - _misreading(config, seconds)
 
 
 def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: float) -> Floats:
-    """Return the largest position errors (3,) in m."""
+    """Return the largest true position errors (3,) in m, without the errors of the readings."""
     speed = top_speed(vehicle, config.disturbance)
     return np.array(config.task.farthest(speed, seconds, config.step.frequency))
 
@@ -54,8 +54,9 @@ def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: flo
 def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
     """Return a speed over ground in m/s that no vehicle exceeds for long: speed through the water plus speed of the water.
 
-    Along each body axis, the speed through the water is the terminal speed under full thrust and net buoyancy. The vehicle is
-    the drawn vehicle with the most thrust and the least damping. The result is infinite if an axis has no damping.
+    Along each body axis, the speed through the water is the terminal speed under full thrust and net buoyancy. The
+    computation uses the most thrust and the least damping that the disturbance may draw. The result is infinite if an axis has no
+    damping.
     """
     drawn = disturbance.randomisation
     vehicle = extreme(vehicle, disturbance, -1.0)

@@ -120,7 +120,7 @@ def relocate(e: Record, p: Record) -> None:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Move the reference for the vehicle's present position."""
+    """Write the reference for the vehicle's present position."""
     e.dock_distance, e.dock_angle = seen_from_dock(e, v.position)
     lead(e, v.position, e.dock_distance, e.dock_angle, p)
 

@@ -73,7 +73,7 @@ draw_curve_and_start = trajectory_tracking.draw
 
 @row
 def bend(e: Record, s: float, axis: int) -> float:
-    """Return the second derivative of the leader's curve by s."""
+    """Return the second derivative of the leader's curve with respect to s."""
     a = 0.0
     for j in range(SINES):
         w = e.frequency[axis, j]
@@ -321,7 +321,7 @@ class FormationTask(TrajectoryTrackingTask):
         ("collided", "i8"),  # 1: two vehicles collided; in the first row of a team
         ("said", "f8", (6,)),  # m and m/s, world axes: position and velocity in the vehicle's last message
         ("said_at", "f8"),  # s, time at which the sending of the last message began; -1: never
-        ("heard", "f8", (MOST, 6)),  # last message of each vehicle that arrived
+        ("heard", "f8", (MOST, 6)),  # last message that arrived from each vehicle
         ("heard_at", "f8", (MOST,)),  # s, sending time of each message in `heard`
         ("age_sum", "f8"),  # s, sum of the ages of the messages over steps and vehicles
     )

@@ -1,4 +1,4 @@
-"""Check the results of installed packages' tasks, rewards and blocks before they are used."""
+"""Check the results of tasks, rewards and blocks from installed packages before auvbench uses these results."""
 
 from __future__ import annotations
 

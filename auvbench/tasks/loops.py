@@ -3,8 +3,8 @@
 numba stores compiled code only for functions of a module; closures, and functions given as arguments, would compile
 again in every process. So each loop is a source text that names the functions of one task and one reward. The text is
 executed in the task's module. numba finds stored code by a function's name, and would confuse two loops with the same
-name. The name therefore contains a digest of all sources that the loop calls directly; `compiled` adds the sources
-that the loop calls indirectly.
+name. The name therefore contains a digest of the source files of all functions that the loop calls directly; `compiled`
+adds the source files of the functions that the loop calls indirectly.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ def of_task(
     Args:
         functions: the task's `draw` and `step`; `refer`, `look`, `preview_row` and `relocate`, if the task has them; the reward's
             `sight`, if the reward has it.
-        reward: function of one step.
+        reward: function that computes the reward of one step.
         own: the task's own fields: (name, type) or (name, type, shape).
         has_yaw: whether the reference has its own yaw.
         solid: whether there are solids in the water.
@@ -219,7 +219,7 @@ def _of_task(
     pays = plain_function(reward)
     compile_row = row_compiler(interpreted)
     compiled_rows = {name: compile_row(function) for name, function in {**named, "reward": pays}.items()}
-    # A bearing costs as much as the rest of a step, so it is computed only if the reward reads it.
+    # A bearing costs as much as the rest of a step, so it is computed only if the reward reads the yaw error.
     turn = ["turn_own(e, v)"] if has_yaw else ["turn_to(e, v)"] if _mentions(pays, "yaw_error") else []
     lines = {
         "clear": clear,
@@ -366,7 +366,7 @@ def row_compiler(interpreted: bool) -> Callable[..., Any]:
 
 
 def _mentions(function: Any, name: str) -> bool:
-    """Return whether the code of a function mentions `name`, or the code of functions that it calls by a name of its module."""
+    """Return whether a function, or a function that it calls directly or indirectly, mentions `name` in its code."""
     visited: set[CodeType] = set()
     waiting = [plain_function(function)]
     while waiting:
@@ -411,7 +411,7 @@ FIRST_CHANNEL = 0
 
 
 def _normals(m: blocks.Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
-    """Return four standard normal numbers of a block in this step; this function replaces `blocks.normals`."""
+    """Return four standard normal numbers for a block in this step; in a package's block, this function replaces `blocks.normals`."""
     return normal4(e.seed, BLOCK | m.stream, FIRST_CHANNEL + channel, e.steps, e.episode, e.environment)
 
 

@@ -101,7 +101,7 @@ def _setting(task: tasks.Task, actuators: Sequence[str], bounds: tuple[float, ..
 
 
 def reads(task: tasks.Task, what: str) -> bool:
-    """Return whether a block of a task's observation reads `velocity`, `goal` and so on (`BlockSpec.reads`)."""
+    """Return whether a block of a task's observation reads `what`, such as "velocity" or "goal" (`BlockSpec.reads`)."""
     return any(what in BLOCKS[name].reads for name in tasks.blocks(task))
 
 

@@ -162,7 +162,7 @@ def draw_path(e: Record, p: Record, stream: int) -> None:
 
 @row
 def relocate(e: Record, p: Record) -> None:
-    """Set progress and reference to the path's closest point to the start."""
+    """Set progress and reference to the point of the path that is closest to the start."""
     last = p.waypoints - 1
     search(e, last, float(last))
     follow(e, last, p)
@@ -170,7 +170,7 @@ def relocate(e: Record, p: Record) -> None:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Add the error of the speed along the path to the sum of these errors, and move the reference."""
+    """Add the error of the speed along the path to `e.speed_error_sum`, and move the reference."""
     last = p.waypoints - 1
     (vx, vy, vz), (wx, wy, wz) = triple(e.reference_velocity), world_velocity(v)
     along = vx * wx + vy * wy + vz * wz
@@ -208,7 +208,7 @@ class PathFollowingTask(TrackingTask):
     fields = (
         ("points", "f8", (MOST_POINTS, 3)),  # m
         ("progress", "f8"),  # 0 at the first point, 1 at the second, and so on
-        ("speed_error_sum", "f8"),  # m/s, sum over steps
+        ("speed_error_sum", "f8"),  # m/s, sum over steps of the absolute error of the speed along the path
     )
     reference_columns = (
         *fingerprint.COLUMNS,
@@ -228,7 +228,7 @@ class PathFollowingTask(TrackingTask):
         return np.array(self.episodes[i].points[self._last()])
 
     def line(self, i: int) -> Floats:
-        from scipy.interpolate import CubicHermiteSpline  # this import takes a quarter of a second
+        from scipy.interpolate import CubicHermiteSpline  # imported late: takes a quarter of a second
 
         points = np.array(self.episodes[i].points[: self._last() + 1])
         # The slopes of Catmull and Rom are central differences, and one-sided differences at the ends.
@@ -249,7 +249,7 @@ class PathFollowingTask(TrackingTask):
             **errors,
             "cross_track_rms_m": errors["position_error_rms_m"] if reached else bounds,
             "completion": 1.0 if reached else float(e.progress) / self._last(),
-            # If the vehicle does not reach the end, its error is at least the error of a vehicle at rest.
+            # If the vehicle does not reach the end, the speed error is set to at least the error of a vehicle at rest.
             "speed_error_m_per_s": speed_error
             if reached
             else max(speed_error, float(self.parameters[0].speed)),

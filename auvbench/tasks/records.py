@@ -1,8 +1,8 @@
 """Define the NumPy records of episodes and of parameters; only this module knows their layout.
 
 An episode is a record of a structured array; parameters are a structured array of one row. Compiled functions and
-Python read fields by name: `e.distance`, `p.tolerance`. The first fields are the same in every task: functions of all
-tasks are compiled once, for a view of these fields.
+Python read fields by name: `e.distance`, `p.tolerance`. The first fields are the same in every task. Functions that all
+tasks share are therefore compiled only once, for a view of these fields.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SUMS: Fields = (
     ("path_length", "f8"),  # m
     ("change_sum", "f8"),  # sum of the norms of the normalised action's changes
     ("depth_margin", "f8"),  # m, smallest distance to a depth limit so far
-    ("position", "f8", (3,)),  # m, at the previous step
+    ("position", "f8", (3,)),  # m, position of the vehicle after the last finished step
 )
 """Fields of every task; sums are over the steps of the episode"""
 _YAW: Fields = (
@@ -57,7 +57,7 @@ BELIEF: Fields = (
 )
 """Further fields of a believed episode, which blocks of the estimate read"""
 LOST = 1000.0
-"""Position error from which an estimate counts as diverged, m; the bounds of the observation include it"""
+"""Largest position error of an estimate that has not diverged, m; the bounds of the observation include this error"""
 _GOAL: Fields = (("goal", "f8", (3,)),)
 """Field of tasks that offer the block `goal_error`: position of the goal, m"""
 _COUNTERS: Fields = (
@@ -72,7 +72,7 @@ _STEP: Fields = (
     (
         "yaw_error",
         "f8",
-    ),  # rad, the reference's yaw minus the vehicle's yaw; for a reference without a yaw, its bearing minus the vehicle's yaw
+    ),  # rad, the reference's yaw minus the vehicle's yaw; for a reference without a yaw, the bearing to it minus the vehicle's yaw
     ("detour", "f8"),  # m, from the reference to the goal; 0 unless the task writes it
     ("to_go", "f8"),  # m, distance + detour, for rewards
 )
@@ -89,7 +89,7 @@ def _interned(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
 
 
 def _interned_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the type as compiled functions take it, without `Row`."""
+    """Return a record type without the class `Row`, as compiled functions need it."""
     return _interned(tuple(_fields(dtype)))
 
 

@@ -1,7 +1,8 @@
 """Rendezvous: enter the dock at the stern of a vehicle that moves along a straight line (docs/moving-targets.md).
 
 The task is docking in the axes of the other vehicle; the relative velocity replaces the velocity. The other vehicle keeps its course and
-speed in moving water too. It is a point on a line and not a row of the batch, so that the results do not depend on a second controller.
+speed in moving water too. The other vehicle is a point on a line and not a simulated vehicle, so that the results do not depend on a
+second controller.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Move the dock along its course, and the reference for the vehicle's present position."""
+    """Move the dock along its course, and write the reference for the vehicle's present position."""
     (x, y, z), (vx, vy, vz), time = triple(p.dock), triple(e.reference_velocity), e.steps * p.duration
     put(e.goal, (x + vx * time, y + vy * time, z + vz * time))
     approach(e, v, p)

@@ -37,7 +37,7 @@ VEHICLE = 1 << 24
 """Increment of the counter `environment` from one vehicle of a team to the next"""
 
 SHALLOWEST = 1.0
-"""Smallest distance of a drawn start from a depth limit, m; if the centre of the draw is closer, its distance applies instead"""
+"""Smallest distance of a drawn start from a depth limit, m; if the centre of the draw is closer to the limit, the centre's distance"""
 
 _TWO_PI = 2.0 * math.pi
 
@@ -188,8 +188,8 @@ def drawn(e: Record, stream: int, block: int) -> tuple[float, float, float, floa
 def rise(u: float, centre: float, radius: float, p: Record) -> float:
     """Return a drawn point's height over the centre of a sphere, as a fraction of the radius.
 
-    The point is uniform on the part of the sphere where starts are allowed: at least SHALLOWEST within the depth
-    limits, or as close to a limit as the centre.
+    The point is uniform on the part of the sphere where starts are allowed: at least SHALLOWEST m away from each depth
+    limit or, if the centre is closer to a limit, at least as far away from this limit as the centre.
 
     Args:
         u: uniform draw.

@@ -1,4 +1,4 @@
-"""Compute the terms of rewards that depend on the solids of a world; see `rewards` for the arguments."""
+"""Compute the reward terms that depend on the solids of a world; see `rewards` for the arguments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RAY_STEP, RAY_LENGTH = math.radians(10.0), 10.0
 def gym_dockauv_sight(e: Record, v: Vehicle, p: Record, solids: Any, heights: Any) -> float:
     """Return the obstacle term of gym_dockauv's reward: Reward.obstacle_avoidance of gym_dockauv/envs/docking3d.py.
 
-    It uses the rays of gym_dockauv's radar: 7 rows over 60 degrees and 9 columns over 80 degrees, of 10 m.
+    The term uses the rays of gym_dockauv's radar: 7 rows over 60 degrees and 9 columns over 80 degrees. Each ray is 10 m long.
     """
     rotation, time = rotation_matrix(v.attitude), e.steps * p.duration
     total, weighted = 0.0, 0.0

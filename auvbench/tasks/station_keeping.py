@@ -63,8 +63,8 @@ class StationKeepingTask(TrackingTask):
     draw = staticmethod(draw)
     step = staticmethod(step)
     fields = (
-        ("held", "f8"),  # steps within the tolerances in the last `hold_time`
-        ("last_outside", "f8"),  # last step outside the tolerances
+        ("held", "f8"),  # number of steps within the tolerances in the last `hold_time`
+        ("last_outside", "f8"),  # number of the last step outside the tolerances
     )
     reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "settling_time_s")
     reference_blocks = fingerprint.BLOCKS

@@ -33,7 +33,7 @@ from auvbench.tasks.rows import (
 from auvbench.worlds.casting import range_below
 
 DEEPEST = 1e4
-"""Altitude if the vehicle has no bottom below it, m"""
+"""Largest measured altitude, m; also the altitude if no bottom is below the vehicle"""
 
 
 @row

@@ -62,7 +62,7 @@ STATES = 4
 
 @row
 def circle(e: Record, time: float, p: Record, target: Vector, velocity: Vector) -> None:
-    """Set the reference to a point that circles round a target with a position (m) and a velocity (m/s), with its yaw to the target."""
+    """Set the reference to a point that circles round a target with a position (m) and a velocity (m/s); its yaw points to the target."""
     (x, y, z), (vx, vy, vz) = target, velocity
     angle = e.angle + p.orbit_speed / p.orbit * time
     c, s = math.cos(angle), math.sin(angle)
@@ -82,7 +82,7 @@ def move(e: Record, p: Record) -> None:
 
 @row
 def prior_errors(e: Record, p: Record, stream: int) -> tuple[float, float]:
-    """Return the east and north errors in m of the target's position that the vehicle knows at the start.
+    """Return the east and north errors in m of the vehicle's first estimate of the target's position.
 
     The errors are normal. Their vector is shortened to PRIOR_SDS standard deviations, so that no episode starts in a collision.
     """
@@ -129,7 +129,7 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
 
 @row
 def begin_estimate(b: Record, p: Record, target: Vector, east: float, north: float) -> None:
-    """Begin the estimate of a target at `target` (m), with the errors east and north (m) of `prior_errors`."""
+    """Begin the estimate of a target that is at `target` (m); `east` and `north` are the results of `prior_errors` (m)."""
     x, y, z = target
     b.estimate[0], b.estimate[1] = x + east, y + north
     b.depth = z

@@ -92,8 +92,9 @@ def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
 class Disturbance:
     """One disturbance of N episodes.
 
-    In its functions, `e` is the record of an episode (the fields that every task has), `d` the disturbance's state in this episode, and
-    `p` the disturbance's parameters. `stream` is the flag of the random streams: draw by `uniform4(e.seed, OWN | stream, ...)`.
+    In the functions of a disturbance, `e` is the record of an episode (the fields that every task has), `d` the disturbance's state in
+    this episode, and `p` the disturbance's parameters. `stream` is the flag of the random streams: draw by
+    `uniform4(e.seed, OWN | stream, ...)`.
 
     Args:
         settings: configuration, with the schema of the disturbance's spec.
@@ -110,8 +111,9 @@ class Disturbance:
     """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now, and the effectiveness (n_u,): the
     fraction of the commanded force that each thruster gives"""
     push: ClassVar[Callable[..., None]]
-    """`push(e, d, p, v, w, duration, wrench)`: adds force (N) and moment (N m), body axes, to `wrench` (6,). They act on the vehicle `v` in
-    the current `w` (`rows.current_at`) for the next `duration` s. The `needs` of the disturbance's schema must yield `forces`"""
+    """`push(e, d, p, v, w, duration, wrench)`: adds force (N) and moment (N m), body axes, to `wrench` (6,). Force and moment act on the
+    vehicle `v` in the current `w` (`rows.current_at`) for the next `duration` s. The `needs` of the disturbance's schema must
+    yield `forces`"""
     read: ClassVar[Callable[..., None]]
     """`read(e, d, p, stream, offset)`: adds this disturbance's errors to `offset` (4,), the errors of the position (m) and yaw (rad)
     readings. Called at the start of an episode (`e.steps == 0`) and after each agent step"""
@@ -161,7 +163,7 @@ class Disturbance:
 
     @staticmethod
     def extreme(settings: Any, vehicle: VehicleModel, damping: float) -> VehicleModel:
-        """Return the vehicle with the most thrust that may be drawn, and with the most (`damping` = 1) or least damping (-1).
+        """Return a vehicle with the most thrust and the most (`damping` = 1) or least (-1) damping that the disturbance may draw.
 
         A disturbance that does not draw vehicles returns `vehicle`.
         """

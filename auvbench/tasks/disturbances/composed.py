@@ -117,7 +117,7 @@ class Disturbances:
         self.power[:] = simulator.power
 
     def _step(self, simulator: Simulator, command: Floats, duration: float) -> None:
-        """Let a command act for `duration` s, an agent step or a part of it."""
+        """Let a command act for `duration` s: an agent step or a part of a step."""
         self.act(simulator, command)
         if not self._pushing:
             simulator.step(command, duration)
@@ -163,7 +163,7 @@ class Disturbances:
             part.read_rows(indices)
 
     def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
-        """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""
+        """Return the poses (n, 7) and velocities (n, 6) that arrive now, without the errors of the readings."""
         if self._delay is None:
             return simulator.pose, simulator.velocity
         return self._delay.measured(simulator)

@@ -68,7 +68,7 @@ class DeadTime(Disturbance):
         self.clock += 1
 
     def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
-        """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""
+        """Return the poses (n, 7) and velocities (n, 6) that arrive now, without the errors of the readings."""
         kept = len(self.measurements)
         if not kept:
             return simulator.pose, simulator.velocity
@@ -105,7 +105,7 @@ class Schedule:
 
 
 def split(delay: float, frequency: float) -> tuple[int, float]:
-    """Return the whole agent steps in a delay in s, and the rest as a fraction of a step in [0, 1).
+    """Return the number of whole agent steps in a delay (s), and the rest of the delay as a fraction of a step in [0, 1).
 
     >>> split(0.25, 10.0)
     (2, 0.5)

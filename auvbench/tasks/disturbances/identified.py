@@ -41,7 +41,10 @@ class Identified(Factor):
 def draw_differences(
     indices: Integers, episodes: Any, root: Floats, reach: Floats, test: int, x: Floats
 ) -> None:
-    """Draw each new episode's differences of normalised parameters from their estimates, within +-`reach` (n_p,), into x (n, n_p)."""
+    """Draw the normalised parameters of each new episode's vehicle; write parameter minus estimate to x (n, n_p).
+
+    The differences are normal, with the covariance `root` `root`^T, and clipped to +-`reach` (n_p,).
+    """
     size = root.shape[0]
     z = np.empty(size + 3)
     for k in range(indices.shape[0]):

@@ -1,4 +1,4 @@
-"""Check the results of installed packages' disturbances before they are used."""
+"""Check the results of disturbances from installed packages before auvbench uses these results."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _check_made(part: Disturbance, settings: DisturbanceConfig, who: str) -> Non
 
 
 def _told(name: str) -> Callable[..., Any]:
-    """Return a method that calls the disturbance's method `name`; its exceptions name the disturbance."""
+    """Return a method that calls the disturbance's method `name` and turns exceptions into errors that name the disturbance."""
 
     def call(self: Checked, *arguments: Any) -> Any:
         with telling(self.who, f"{name} fails"):

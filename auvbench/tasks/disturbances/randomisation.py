@@ -24,7 +24,7 @@ def draw(e: Record, d: Record, p: Record, stream: int) -> None:
     """Draw factors on mass, buoyancy, inertia, added mass, damping and thrust.
 
     With `keep_trim` the factor on buoyancy is multiplied by (B + (s - 1) W) / B, where s is the factor on mass.
-    Then the factor on mass does not change the net buoyancy B - W; only the factor on buoyancy does.
+    Then the net buoyancy B - W depends on the drawn factor on buoyancy, but not on the factor on mass.
     """
     u = uniform4(e.seed, RANDOMISATION | stream, 0, 0, e.episode, e.environment)
     v = uniform4(e.seed, RANDOMISATION | stream, 1, 0, e.episode, e.environment)

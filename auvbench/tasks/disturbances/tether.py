@@ -254,8 +254,8 @@ class Cable(Disturbance):
 def parameters(settings: Tether, vehicle: VehicleModel) -> dict[str, Any]:
     """Return the parameters of the cable in the vehicle's water."""
     segment, diameter = settings.length / SEGMENTS, settings.diameter
-    # A node has the added mass of a cylinder in all directions. A real cable has it only across the cable, but along the cable it
-    # changes no equilibrium.
+    # A node has the added mass of a cylinder in all directions. A real cable has this added mass only across the cable. The
+    # added mass along the cable does not change any equilibrium.
     node = (settings.mass + vehicle.density * math.pi / 4.0 * diameter**2) * segment
     fastest = 2.0 * math.sqrt(settings.stiffness / segment / node)
     damped = settings.damping / segment

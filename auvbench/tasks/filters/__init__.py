@@ -1,7 +1,7 @@
 """Filters of commands.
 
 `barrier` keeps a vehicle away from solids and limits, `rows` computes the constraints on the command, and `quadratic` finds the
-command that meets these constraints.
+nearest command that meets these constraints.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class BarrierFilter:
         settings = config.filter
         assert isinstance(settings, Barrier)
         self.echoes = Echoes(config, spec, n) if settings.knows == "ranges" else None
-        """Echoes by which the filter knows the solids; None if it knows the map"""
+        """Echoes that show the solids to the filter; None if the filter knows the map"""
         water = _water(vehicle, settings.current)
         brake = settings.braking * braking(vehicle, water["push"], settings)
         limits = _thrust_limits(vehicle)
@@ -182,7 +182,7 @@ def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
             )
             for side in (1.0, -1.0)
         ]
-        # The lift may point along any axis of a vehicle that is tilted.
+        # The net buoyancy may point along any axis of a tilted vehicle.
         rates[axis] = (min(reach) - lift) / vehicle.M[axis, axis] - push[axis]
     if rates.min() <= 0.0:
         raise ConfigError(
@@ -213,12 +213,12 @@ def turn_braking(vehicle: VehicleModel, settings: Barrier) -> float:
 
 
 def _thrust_limits(vehicle: VehicleModel) -> Floats:
-    """Return the smallest and the largest force (n_u, 2) in N."""
+    """Return the smallest and the largest force of each thruster: (n_u, 2), N."""
     return np.sort(vehicle.force_limits, axis=1)
 
 
 def _force_curves(vehicle: VehicleModel, strongest: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return `tables`, `first` and `last` of `rows.protect`: the rising part of each thruster's curve."""
+    """Return `tables`, `first` and `last` of `rows.protect`: the rising part of each thruster's curve of force over command."""
     tables = np.empty((len(vehicle.units), POINTS))
     first, last = np.empty((2, len(vehicle.units)))
     for j, unit in enumerate(vehicle.units):

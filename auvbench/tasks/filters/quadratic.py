@@ -62,7 +62,7 @@ def solve(L: Floats, n: int, z: Floats) -> None:
 def nearest(
     A: Floats, b: Floats, count: int, inverse: Floats, low: Floats, high: Floats, target: Floats, x: Floats
 ) -> float:
-    """Write the solution to x (n,); return the largest slack, or infinity if the method does not end.
+    """Write the solution into `x` (n,); return the largest slack, or infinity if the method does not end.
 
     Args:
         A: (m, n); its first `count` rows are constraints.
@@ -72,7 +72,7 @@ def nearest(
         low: (n,) lowest x.
         high: (n,) highest x.
         target: (n,) x0, within the limits.
-        x: (n,), written.
+        x: (n,) array for the solution.
     """
     n = target.shape[0]
     most = count + n

@@ -109,7 +109,7 @@ def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple
 
 @njit(nogil=True)
 def along(effect: Floats, normal: Vector, turning: Vector, j: int) -> float:
-    """Return the acceleration caused by the largest force of thruster j: along `normal`, m/s2, plus about `turning`, rad/s2."""
+    """Return the acceleration caused by the largest force of thruster j: along `normal` (m/s2) plus about `turning` (rad/s2)."""
     (x, y, z), (roll, pitch, yaw) = triple(effect[:, j]), turning_of(effect[:, j])
     (nx, ny, nz), (tx, ty, tz) = normal, turning
     return float(nx * x + ny * y + nz * z + tx * roll + ty * pitch + tz * yaw)
@@ -185,7 +185,7 @@ def constraints(
     A: Floats,
     bounds: Floats,
 ) -> int:
-    """Write the rows A x >= bounds of a vehicle; return their number."""
+    """Write the rows A x >= bounds of a vehicle; return the number of rows."""
     distances = np.empty(MOST)
     R = rotation_matrix(attitude)
     up = R[2]
@@ -266,7 +266,7 @@ def constraints(
 
 @njit(nogil=True)
 def force_of(table: Floats, first: float, last: float, command: float) -> float:
-    """Return the force of a command, which is clipped to the commands of the table, from `first` to `last`."""
+    """Return the force of a command; the command is first clipped to the table's range, from `first` to `last`."""
     at = (min(max(command, first), last) - first) / (last - first) * (POINTS - 1)
     k = min(int(at), POINTS - 2)
     after = k + 1

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Navigation | None:
-    """Return the navigation of a task's episodes; None if agents know their true motion."""
+    """Return the navigation of a task's episodes; None if agents know their vehicles' true motion."""
     if not is_estimated(config):
         return None
     from auvbench.tasks.navigation.estimator import Navigation  # with all sensors and filters

@@ -1,6 +1,6 @@
 """Heading: a compass with a constant error, hard iron (one cycle per turn), soft iron (two cycles per turn) and noise.
 
-The thrusters' current adds a further error with one cycle per turn and its own phase. The filter knows the amplitude of this error.
+The electric current of the thrusters adds an error with one cycle per turn and another phase. The filter knows the amplitude of this error.
 """
 
 from __future__ import annotations

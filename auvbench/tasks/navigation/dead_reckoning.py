@@ -1,7 +1,7 @@
 """Dead reckoning: integrate the DVL's velocity along the estimated attitude.
 
-The gyros give the attitude; accelerometers (roll and pitch) and compass (yaw) correct it with a time constant. The height is the last
-reading of the depth sensor. Without bottom lock, the estimate keeps the last velocity in body axes.
+The gyros give the attitude; accelerometers (roll and pitch) and compass (yaw) correct this attitude with a time constant. The height is
+the last reading of the depth sensor. Without bottom lock, the estimate keeps the last velocity in body axes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""DVL: four beams to the bottom, at least three of which must return. With water track, it can measure the water instead.
+"""DVL: four beams to the bottom, at least three of which must return. With water track, beams can measure the water instead.
 
 Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
-body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
-four beams its standard deviations are s / (sqrt(2) sin t) along x and y and s / (2 cos t) along z, for beams with a standard deviation s.
+body axes (forward, port, up). The beam measures b_i . (v + w x l), with the lever arm l of the DVL. The velocity is the
+least-squares solution of the valid beams. With four beams, each with the standard deviation s, the standard deviations of the velocity
+are s / (sqrt(2) sin t) along x and y and s / (2 cos t) along z.
 
 Water track has the same geometry: a beam measures b_i . (v - c + w x l), with the current c in the middle of the layer. A beam is valid
 only if it meets no solid before the far end of the layer (Water Linked's DVL A50: 1.5 to 4.5 m below the DVL, at 2 Hz). Each ping without
@@ -92,7 +93,7 @@ def period(p: Record, altitude: float) -> float:
 
 @row
 def height_along(p: Record, solids: Any, heights: Any, time: float, origin: Vector, way: Vector) -> float:
-    """Return the altitude in m that a beam sees, its distance times the cosine of its tilt; 0 if no echo returns.
+    """Return the altitude in m that a beam measures: distance to the echo times cosine of the beam's tilt; 0 if no echo returns.
 
     Args:
         p: parameters.

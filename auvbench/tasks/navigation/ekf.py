@@ -151,7 +151,7 @@ def integrals(d: Record) -> tuple[Matrix, Matrix]:
 
 @row
 def three(P: Floats, i: int, j: int) -> Vector:
-    """Return three entries of a column from row i on."""
+    """Return the entries i, i + 1 and i + 2 of column j."""
     return triple(P[i:, j])
 
 
@@ -196,7 +196,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
 
 @row
 def shared(P: Floats, work: Work, first: int, stop: int) -> float:
-    """Write P H^T to `work.shared` for a reading with the derivatives H; return H P H^T."""
+    """Write P H^T to `work.shared` and return H P H^T; H is `work.slope`, which is 0 except at first .. stop - 1."""
     variance = 0.0
     for i in range(P.shape[0]):
         total = 0.0
@@ -279,7 +279,7 @@ def absorb(P: Floats, work: Work, y: float, s: float) -> None:
 
 @called
 def inject(d: Record, p: Record, P: Floats, work: Work) -> None:
-    """Add the change of the states to the estimate, and rotate the covariance of the attitude error with it (Sola, eq. 314)."""
+    """Add the change of the states to the estimate, and transform the attitude error's covariance accordingly (Sola, eq. 314)."""
     x = work.change
     put(d.position, add(triple(d.position), (x[0], x[1], x[2])))
     put(d.velocity, add(triple(d.velocity), (x[3], x[4], x[5])))
@@ -377,7 +377,7 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Work) -> None:
 
 @called
 def correct_depth(d: Record, p: Record, P: Floats, work: Work) -> None:
-    """Correct the estimate by a depth."""
+    """Correct the estimate by a reading of the depth sensor."""
     propagate(d, p, P)
     work.change[:] = 0.0
     work.slope[:] = 0.0
@@ -392,7 +392,7 @@ def correct_depth(d: Record, p: Record, P: Floats, work: Work) -> None:
 
 @called
 def correct_heading(d: Record, p: Record, P: Floats, work: Work) -> None:
-    """Correct the estimate by a heading."""
+    """Correct the estimate by a reading of the compass."""
     propagate(d, p, P)
     work.change[:] = 0.0
     sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2 + 0.5 * d.thruster_iron**2)
@@ -406,7 +406,7 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Work) -> None:
 
 @called
 def remember(d: Record, p: Record, P: Floats, k: int) -> None:
-    """Copy the covariance of the present position to the position at a USBL's last ping or a beacon's last message, states k to k + 2."""
+    """Copy the present position's covariance to states k to k + 2: the position at a USBL's last ping or a beacon's last message."""
     propagate(d, p, P)
     for j in range(P.shape[0]):
         P[k, j], P[k + 1, j], P[k + 2, j] = three(P, 0, j)

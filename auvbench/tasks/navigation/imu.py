@@ -1,8 +1,8 @@
 """IMU: means of specific force and angular rates over each interval, with white noise and a bias.
 
 The bias is a constant of the episode plus a first-order Gauss-Markov process, which moves once per agent step by its exact discretisation.
-An IMU with coning and sculling compensation gives such means: without sensor errors, the motion follows exactly from them. The rotation
-of the Earth is left out.
+An IMU with coning and sculling compensation gives such means: without sensor errors, the motion follows exactly from these means. The
+rotation of the Earth is left out.
 """
 
 from __future__ import annotations

@@ -229,7 +229,7 @@ def conclude(
     pose: Floats,
     velocity: Floats,
 ) -> None:
-    """End an agent step: let the biases walk, correct by the sheet's velocity, show the estimate and add its error to the sums."""
+    """End an agent step: let the biases walk, correct by the sheet's model, show the estimate and add its error to the sums."""
     imu.walk(e, d, p, stream, p.duration)
     if d.diverged == 0 and not is_sound(d):
         d.diverged = 1
@@ -282,7 +282,7 @@ def sample_rows(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
             solids[i, : counts[i]], heights, water[i], power[i], (components, rays[i // LANES], times[i]), i % LANES, seconds,
         )  # fmt: skip
-    memory[:] = 0.0  # keeps `memory`, which numba frees after its last use, ignoring borrowed views
+    memory[:] = 0.0  # keeps `memory` alive: numba frees it after its last use
 
 
 @compiled("dynamics", "worlds", "tasks", ".")

@@ -1,7 +1,7 @@
-"""Model aiding: measure the velocity through the water with the dynamic model of the vehicle's sheet, also without bottom lock.
+"""Model aiding: compute the velocity through the water with the dynamic model of the vehicle's sheet, also without bottom lock.
 
-The equations of motion, with the sheet's numbers, are integrated with the agent's commands. The equations take attitude and rates from the estimate but
-integrate their own velocity, so that the errors of this velocity are independent of the errors of the estimate (Hegrenaes and Hallingstad,
+The model integrates the equations of motion, with the sheet's numbers, under the agent's commands. It takes attitude and rates from the
+estimate but integrates its own velocity, so that this velocity's errors do not depend on the estimate's errors (Hegrenaes and Hallingstad,
 "Model-aided INS with sea current estimation for robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL
 measures the velocity over ground, and the model gives the velocity through the water. Their difference is the current,
 whose two horizontal components are states of the filter.
@@ -83,7 +83,7 @@ def put_derivatives(d: Record, way: Vector, work: ekf.Work) -> None:
 
 @called
 def correct(d: Record, p: Record, P: Floats, work: ekf.Work, velocity: Vector) -> None:
-    """Correct the estimate by the sheet's velocity in m/s, body axes, if a correction is due."""
+    """Correct the estimate by `velocity`, the velocity of the sheet's model in m/s, body axes, if a correction is due."""
     if not is_due(d, MODEL):
         return
     d.due[MODEL] = d.time + 1.0 / p.model_rate

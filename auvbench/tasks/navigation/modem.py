@@ -62,7 +62,10 @@ def hears(e: Record, d: Record, p: Record, stream: int) -> bool:
 
 @called
 def sense(e: Record, d: Record, p: Record, P: Floats, stream: int, beacon: Record, Q: Floats) -> None:
-    """Measure the range to a beacon and store the beacon's message; both arrive later. Q is the covariance of the beacon's estimate."""
+    """Measure the range to a beacon and store the beacon's message; range and message arrive later.
+
+    `Q` is the covariance of the beacon's estimate.
+    """
     error, _, _, _ = normals(e, d, stream, 22)
     way = between(triple(d.true_position), triple(beacon.true_position))
     d.measured_range = way + p.modem_noise * error
@@ -94,14 +97,14 @@ def put_derivatives(p: Record, way: Vector, work: ekf.Work) -> None:
 
 @row
 def along(S: Floats, k: int, way: Vector) -> float:
-    """Return the variance (m2) along a direction of a position whose covariance begins at S[k, k]."""
+    """Return the variance (m2) of a position along a direction; the position's covariance begins at S[k, k]."""
     moved = ekf.three(S, k, k), ekf.three(S, k, k + 1), ekf.three(S, k, k + 2)
     return dot(way, product(moved, way))
 
 
 @row
 def bend(total: float, radial: float, r: float) -> float:
-    """Return the root mean square (m) of a range's second-order term, c^2 / 2r for an error c perpendicular to the line of sight.
+    """Return the root mean square (m) of a range's second-order term, which is c^2 / 2r for an error c perpendicular to the line of sight.
 
     Args:
         total: trace of the covariance of the relative position, m2.

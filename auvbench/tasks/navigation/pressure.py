@@ -1,7 +1,7 @@
 """Depth: a pressure sensor's height over the surface, quantised, with the errors of density and air pressure.
 
 The pressure of waves, which falls with depth, looks like a change of depth. The filter knows the variance of this
-error, and that the readings within a quarter of a wave period share it.
+error, and that the readings within a quarter of a wave period share this error.
 """
 
 from __future__ import annotations

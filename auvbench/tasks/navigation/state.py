@@ -20,9 +20,9 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 
 STATES = 15
-"""States of the filter: errors of position, velocity, attitude (all in world axes), accelerometer bias and gyro bias (body axes)"""
+"""Number of states of the filter: errors of position, velocity, attitude (world axes), accelerometer bias and gyro bias (body axes)"""
 MODEL_STATES = 17
-"""States of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
+"""Number of states of the filter with model aiding: also errors of a horizontal current (world axes)"""
 VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
 """First index of each group of states; position is at 0. Optional states follow: the DVL's scale at `p.scale_state`, the compass's constant
 error at `p.bias_state`, the position at a USBL's last ping at `p.ping_state`, and the position at a beacon's last message at
@@ -52,7 +52,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("specific_force", "f8", _V),  # m/s2, measured: mean over the last interval
     ("rates", "f8", _V),  # rad/s, measured
     # DVL
-    ("merit", "f8"),  # m/s
+    ("merit", "f8"),  # m/s, figure of merit (`dvl.beam_sd`)
     ("dvl_scale", "f8"),
     ("mounting", "f8", _V),  # rad
     ("burst", "i8"),  # 1: in a burst without lock
@@ -76,7 +76,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("hard_iron_phase", "f8"),  # rad
     ("soft_iron", "f8"),  # rad, amplitude of two cycles per turn
     ("soft_iron_phase", "f8"),
-    ("thruster_iron", "f8"),  # rad, amplitude of one cycle per turn by the thrusters' present current
+    ("thruster_iron", "f8"),  # rad, amplitude of one cycle per turn, due to the thrusters' electric current
     ("thruster_phase", "f8"),
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),
@@ -101,7 +101,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("due", "f8", _S),  # s, time of the next measurement
     ("arrives", "f8", _S),  # s, arrival time of the reading under way
     ("stamp", "f8", _S),  # s, measuring time of the last valid reading that arrived
-    ("rejected", "i8", (32,)),  # number of readings in a row that failed the gate; four for each sensor
+    ("rejected", "i8", (32,)),  # readings in a row that failed the gate; four counters for each sensor
     ("nis", "f8", _S),  # sum of normalised innovations squared
     ("innovations", "f8", _S),  # number of innovations in `nis`
     # Estimate
@@ -133,7 +133,7 @@ GATED_FIXES = 5
 """Number of USBL positions that the gate may reject in a row; USBL positions come about once a second"""
 GATED = 20
 """Number of a sensor's readings that the gate may reject in a row. After that, the filter accepts readings until one passes the gate, so
-that it can recover"""
+that the filter can recover"""
 
 
 def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""USBL: positions from a boat's transceiver, by the range to the vehicle's transponder and the direction of its sound.
+"""USBL: positions from a boat's transceiver, by range and direction of the sound of the vehicle's transponder.
 
 The reading is a position in world axes. Along the line of sight, its standard deviation is `range_noise`. Perpendicular to the line of
 sight, its standard deviation is `angle_noise` times the range. The head's misalignment about the vertical lasts an episode and turns all

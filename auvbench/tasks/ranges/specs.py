@@ -24,12 +24,12 @@ LONGEST = 1e5
 
 
 def in_the_loop(m: Reading, e: Any, p: Any, out: Any) -> None:
-    """Raise: a sensor, which the observing loop calls, writes this block, not the block's `write` function."""
+    """Raise NotImplementedError: the observing loop calls a sensor to write this block, not this `write` function."""
     raise NotImplementedError
 
 
 def _block(s: Setting, name: str, labels: list[str], more: dict[str, float], meaning: str) -> Block:
-    """Return a block with a closeness for each of `labels`, then a value for each label of `more`, which has the values' bounds."""
+    """Return a block with a closeness for each of `labels`, then a value for each label of `more`, which gives the label's bound."""
     names = tuple(f"range_{name}_{label}" for label in (*labels, *more))
     text = f"{meaning}: 1 - distance / {s.sensor.high:g} m; 0: nothing"
     return Block(f"{PREFIX}{name}", names, "1", (1.0,) * len(labels) + tuple(more.values()), text)

@@ -1,4 +1,4 @@
-"""Spheres, cylinders and boxes between start and goal, with a free way between them."""
+"""Obstacles (spheres, cylinders and boxes) round start and goal, with a free way between the obstacles."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ MOST = 256
 TRIES = 20
 """Largest number of fields that are drawn until the vehicle can pass a field"""
 SIZES = 10_000
-"""First block of draws of the obstacles' kinds and heights; smaller blocks draw the obstacles' places"""
+"""Number of the first block of draws for the obstacles' kinds and heights; blocks with smaller numbers are for the obstacles' places"""
 MOTIONS = SIZES + MOST
-"""First block of draws of the obstacles' motions"""
+"""Number of the first block of draws for the obstacles' motions"""
 
 
 class FieldWorld(World):
@@ -47,7 +47,7 @@ class FieldWorld(World):
             discs = scatter(episode.key, attempt, count, arena, radii, s.gap, s.free + self.radius)
             length, room = shortest_way(discs, self.radius, distance, s.margin)
             if math.isfinite(length):
-                # On the map, start and goal are at the middle of a cell.
+                # The map moves start and goal to the middle of a cell, so that the way's length may be less than the true distance.
                 ratio = max(1.0, length / distance) if distance > 0.0 else 1.0
                 solids = [self._obstacle(k, disc, episode) for k, disc in enumerate(discs)]
                 for k in range(len(solids)) if s.moving > 0.0 else ():

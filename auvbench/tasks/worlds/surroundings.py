@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 FAR = 1e6
-"""Clearance if no solid is near, m"""
+"""Range of the search for the nearest solid, m; also the clearance if no solid is within this range"""
 SIDE = 8.0
 """Margin round start and goal within which the shortest way is searched, m, for worlds without a key `margin`"""
 WAY = (("way", "f8", (CORNERS, 3)), ("way_corners", "i8"))
