@@ -31,12 +31,12 @@ class Agent(Protocol):
     An agent may also have:
 
     * `load(folder)`: read the run's `model/`; called before the first `reset`;
-    * `row_by_row = True` in its class: an action takes as long in a batch as in a batch of one, so a test divides its
-      episodes among processes;
+    * `row_by_row = True` in its class: the agent computes the actions of a batch one row after the other, so a test
+      divides its episodes among processes;
     * `ended(rows)`: called with the indices of the batch's rows whose episodes have ended;
-    * `simulator(config, vehicle, navigation)`: return the simulator for the agent's tests, with one vehicle. It is for
-      an agent whose own control loop drives the actuators within an agent step. The test then records the actions of
-      `act`, but does not apply them. `navigation` describes the vehicle's sensors; None if agents observe the true state;
+    * `simulator(config, vehicle, navigation)`: return the simulator for the agent's tests, with one vehicle. Only an
+      agent that drives the actuators itself within an agent step has this method. The test then records the actions
+      of `act`, but does not apply them. `navigation` describes the vehicle's sensors; None if agents observe the true state;
     * `notes()`: return counters by name, counted since the agent's creation. A test's summary contains the increase of
       each counter during the test.
     """
@@ -114,7 +114,7 @@ class Components:
             TypeError: an array contains Python objects, or a value cannot be written as JSON.
         """
         if self.tensors:
-            import torch  # imported late: a learner without tensors does not need it
+            import torch  # imported late: a learner without tensors does not need torch
 
         for name, tensors in self.tensors.items():
             stream = io.BytesIO()

@@ -1,5 +1,5 @@
-"""Control by active disturbance rejection (ADRC): an observer estimates everything that the model leaves out, and the
-controller cancels it.
+"""Control by active disturbance rejection (ADRC): an observer estimates the acceleration that the model does not
+explain, and the controller cancels this acceleration.
 
 After Z. Gao, "Scaling and bandwidth-parameterization based controller tuning", American Control Conference 2003. In
 surge, sway, heave and yaw the sheet gives
@@ -70,7 +70,7 @@ class ADRCController(Cascade):
         return wrench
 
     def after(self, miss: Floats, scale: Floats) -> None:
-        # Saturation scales the whole thrust, also the part that balances weight and buoyancy.
+        # `_wrench` excludes the force that balances weight and buoyancy, but saturation scales this force, too.
         carried = np.zeros(4)
         carried[HEAVE] = self.lift
         applied = (self._wrench - carried) * scale[:, None] + carried

@@ -39,8 +39,8 @@ Floats = NDArray[np.float64]
 
 SWAY = 1
 FOLLOWED = 0.5
-"""largest yaw error in rad at which the angles are learned: while the vehicle still turns, its cross-track error
-does not come from a crab angle
+"""largest yaw error in rad at which crab angle and angle of attack are learned: while the vehicle still turns, the
+cross-track error does not come from a crab angle
 """
 BEYOND = 0.001
 """angle in rad by which an estimate may exceed its limit, as in `ALOS3D.m`"""
@@ -69,7 +69,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
 
 
 class Guidance(Estimator):
-    """Estimator of the motion of N vehicles, extended by the guidance law and the angles that it learns."""
+    """Estimator of the motion of N vehicles, with the ALOS guidance law and its learned angles."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         assert isinstance(config.algo, ALOS)
@@ -124,7 +124,7 @@ class Guidance(Estimator):
         Args:
             port: (n,) distance of the vehicle to port of the path, m.
             below: (n,) distance of the vehicle below the path, m.
-            where: (n,) whether the vehicle has its commanded heading; the angles of other vehicles stay.
+            where: (n,) whether the vehicle has its commanded heading; other vehicles keep their learned angles.
         """
         g = self.gains
         for estimate, error, distance, gain in (

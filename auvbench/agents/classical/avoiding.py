@@ -44,10 +44,10 @@ class Avoidance:
         assert isinstance(config.world, Solid)
         self.columns = columns
         self.hull: Floats = hull_of(config.world, vehicle).view(np.ndarray).view(np.float64)
-        """record of HULL, viewed as floats"""
+        """hull of the vehicle: record of type HULL, viewed as floats"""
 
     def solids(self, reading: Floats, position: Floats, yaw: float) -> Floats:
-        """Return the solids (k, size) of an observation, records of SOLID viewed as floats.
+        """Return the solids of an observation: (k, size), records of type SOLID viewed as floats.
 
         Args:
             reading: (n_obs,) observation.
@@ -90,7 +90,7 @@ class Avoidance:
         Args:
             solids: (k, size), see `solids`.
             poses: (n, 7).
-            longest: m, distance from the hull up to which the search finds solids. It limits the returned clearances approximately.
+            longest: m, distance from the hull up to which the search finds solids; returned clearances are at most about this distance.
         """
         hull = self.hull.view(HULL)[0]
         ahead = frames.rotation(poses[:, 3:])[:, :, 0]
@@ -110,9 +110,9 @@ class Avoidance:
 def price(
     pose: Floats,  # (n, 7)
     # Records are passed as floats, because numba compares the types of records again in each call.
-    solids: Any,  # (k, size) records of SOLID
-    hull: Floats,  # record of HULL
-    prices: Floats,  # record of NEARNESS
+    solids: Any,  # (k, size) records of type SOLID
+    hull: Floats,  # record of type HULL
+    prices: Floats,  # record of type NEARNESS
     cost: Floats,  # (n,) in and out
 ) -> None:
     """Add the price of a small clearance at a node: `weight` per metre below `clearance`, and `contact` in a contact."""

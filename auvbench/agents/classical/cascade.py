@@ -34,11 +34,11 @@ Floats = NDArray[np.float64]
 
 HEAVE, ROLL, PITCH, YAW = 2, 3, 4, 5
 CONTROLLED = [0, 1, 2, YAW]
-"""Axes on which the thrusters of every vehicle of these controllers act: surge, sway, heave and yaw."""
+"""Axes on which these controllers command forces and moments of every vehicle: surge, sway, heave and yaw."""
 
 # Largest share of the thrust that steady motion may take; the rest is for control.
 CRUISE_SHARE = 0.85
-# Largest share of the restoring moment that thrust may use: a heel of about 27 degrees.
+# Largest tilting moment of the thrust, as a share of the largest restoring moment: a heel of about 27 degrees.
 RIGHTING_SHARE = 0.45
 LEVELLING = 2.5
 """bandwidth of the loop that keeps a vehicle level, rad/s"""
@@ -64,12 +64,12 @@ class Estimator:
         self.dt = dt
         self._yaw_error, self._error = spec["yaw_error"], spec["position_error"]
         self.body_frame = spec.blocks["position_error"].axes == BODY
-        # In world axes, a reading in body axes would have to be turned by a yaw that is itself an estimate.
+        # Blocks in body axes are read only with `body_frame`: only an estimate of the yaw could turn them to world axes.
         names = ("velocity", "angular_velocity", "velocity_error", "gravity") if self.body_frame else ()
         self._read = {name: spec[name] for name in names if name in spec.blocks}
         self._turns = "velocity_error" in self._read
         self.levels = {"gravity", "angular_velocity"} <= self._read.keys()
-        """whether roll and pitch are known"""
+        """whether roll, pitch and their rates are observed"""
         self._smoothing = 1.0 - np.exp(-dt / filter_time)
         self.reset(0)
 
@@ -81,16 +81,16 @@ class Estimator:
         self.yaw: Floats = np.zeros(n)
         self.yaw_error: Floats = np.zeros(n)
         self.velocity: Floats = np.zeros((n, 3))
-        """(n, 3) velocity in m/s, in the axes of `error`; if the task observes it, in body axes"""
+        """(n, 3) velocity in m/s: in body axes if the task observes the velocity, else in the axes of `error`"""
         self.yaw_rate: Floats = np.zeros(n)
         self.turning: Floats = np.zeros(n)
         """(n,) yaw rate of a moving reference, rad/s"""
         self.target: Floats = np.zeros((n, 3))
-        """(n, 3) velocity of the reference in m/s, in the axes of `error`, if the task observes it"""
+        """(n, 3) velocity of the reference in m/s, in the axes of `error`; 0 if the task does not observe this velocity"""
         self.tilt: Floats = np.zeros((n, 2))
-        """(n, 2) roll and pitch, rad, if the task observes gravity"""
+        """(n, 2) roll and pitch, rad; 0 unless `levels`"""
         self.tilt_rate: Floats = np.zeros((n, 2))
-        """(n, 2) rates of roll and pitch, rad/s"""
+        """(n, 2) rates of roll and pitch, rad/s; 0 if the task does not observe the angular velocity"""
 
     def update(self, observation: Floats) -> None:
         """Process observations (n, n_obs)."""
@@ -179,7 +179,7 @@ class Cascade:
     """
 
     carried: ClassVar[tuple[str, ...]] = ()
-    """names of the law's arrays, with a row for each vehicle, that are carried from step to step"""
+    """names of the arrays that the control law carries from step to step; each array has a row for each vehicle"""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
@@ -202,11 +202,11 @@ class Cascade:
         limits = gains.effort * vehicle.force_limits
         self.reach = np.maximum(np.stack([-limits[:, 0], limits[:, 1]]), 1e-9)
         self.lift = vehicle.buoyancy - vehicle.weight
-        # `tilting`: roll and pitch moments per newton of thrust that the control law does not command. `tilt_limit`: the
-        # largest of these moments that is allowed, so that the restoring moment can balance it.
+        # Thrust may cause roll and pitch moments that the control law does not command. `tilting`: these moments per
+        # newton of each thruster. `tilt_limit`: largest allowed moment, which the restoring moment can balance.
         self.tilting = vehicle.allocation[[ROLL, PITCH]]
         if self.estimate.levels:
-            # On controlled axes, the allocation gives exactly the commanded moment.
+            # If roll or pitch is controlled, the allocation gives exactly the commanded moment, so no other moment arises.
             self.tilting = np.where(_controlled(vehicle.allocation)[[ROLL, PITCH]] != 0.0, 0.0, self.tilting)
         stiffness = (
             vehicle.buoyancy * vehicle.center_of_buoyancy[2] - vehicle.weight * vehicle.center_of_gravity[2]
@@ -277,7 +277,7 @@ class Cascade:
     def turning_mass(self, rate: float) -> float:
         """Return the inertia in kg m2 that a heading loop assumes: at least damping / rate.
 
-        With its own inertia, a vehicle whose damping outweighs its inertia would turn far more slowly than the loop
+        If the loop assumed the true inertia, a vehicle with large damping would turn far more slowly than the loop
         intends.
 
         Args:

@@ -45,7 +45,7 @@ class LQRController(Cascade):
         )
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self._drag(wanted)
-        # One state at a time: a matrix product may round differently for another batch size.
+        # Add the terms of the product state by state: a matrix product may round differently for another batch size.
         for column, gains in enumerate(self.gain.T):
             wrench[:, CONTROLLED] -= state[:, column : column + 1] * gains
         return wrench

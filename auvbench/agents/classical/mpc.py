@@ -14,8 +14,8 @@ that is, from the noisy readings.
 
 If the task observes the nearest solids (`solids`), the targets are points on the shortest way past the solids
 (`avoiding.Avoidance.way`): a vehicle at 0.7 of the largest speed reaches each point at the time of its node. Each node with too small a
-clearance also has the cost c |clearance wanted - clearance|^2, linearised about the plan. With targets off the way, this cost would stop
-plans in front of flat faces. If the task observes the shortest way (`way`), the target of all nodes is the point of the way that the
+clearance also has the cost c |clearance wanted - clearance|^2, linearised about the plan. If the targets were not on this way, the
+cost would stop plans in front of flat faces. If the task observes the shortest way (`way`), the target of all nodes is the point of the way that the
 observation shows.
 
 A failed solve keeps the plan of the previous step, advanced by one step. Failures are counted, and so are
@@ -46,7 +46,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-# Plans neglect the thrusters' lags if each mean delay is below this share of the agent's step; the filter never does.
+# Plans neglect the thrusters' lags if each mean delay is below this share of the agent's step; the filter never neglects them.
 # The states of the lags would double the time of a solve.
 PROMPT = 0.25
 CRUISE = 0.7

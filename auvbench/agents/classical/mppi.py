@@ -50,7 +50,7 @@ class MPPIController(Planner):
         self.avoidance = Avoidance(config, vehicle, spec["solids"]) if "solids" in spec.blocks else None
         self.sampler = Sampler(vehicle, algo, self.turns, self.avoidance)
         self.lags = FossenSimulator(vehicle, 1, max_step=self.dt)
-        """one vehicle, whose actuators follow the observed actions"""
+        """simulator of one vehicle that computes the actuators' states from the observed actions"""
         self._previous, self._way = spec["previous_action"], spec["way"] if "way" in spec.blocks else None
         self.reset(np.empty(0, dtype=np.int64))
 
@@ -98,7 +98,7 @@ class MPPIController(Planner):
         self.actuators[i] = lags.actuators[0]
 
     def _aims(self, i: int, reading: Floats) -> Floats:
-        """Return the targets of row i's vehicle at the nodes, (NODES, 7), records of `sampling.AIM` viewed as floats."""
+        """Return the targets of row i's vehicle at the nodes, (NODES, 7), records of type `sampling.AIM` viewed as floats."""
         observer = self.observer
         aims = np.zeros(NODES, AIM)
         if self._way is None:

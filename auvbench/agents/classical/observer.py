@@ -55,7 +55,7 @@ class Observer:
         self.dt = 1.0 / config.step.frequency
         spec = observation_spec(config.task, self.vehicle.actuators)
         self._columns = spec["yaw_error"], spec["position_error"], spec["previous_action"]
-        # In world axes, a reading in body axes would have to be turned by a yaw that is itself an estimate.
+        # Blocks in body axes are read only with `body_frame`: only an estimate of the yaw could turn them to world axes.
         body_frame = spec.blocks["position_error"].axes == BODY
         self._read = {name: spec[name] for name in READ if body_frame and name in spec.blocks}
         self._preview = config.task.preview if "preview" in self._read else None
@@ -70,7 +70,7 @@ class Observer:
         self.reset(0)
 
     def reset(self, n: int) -> None:
-        """Reset n rows: at rest, level, in still water."""
+        """Reset the estimates of n rows to a vehicle at rest, level, in still water."""
         self.first: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
         """(n,) whether the row has had no reading yet"""
         self.state: Floats = np.zeros((n, self.model.n_x))
@@ -82,7 +82,7 @@ class Observer:
         self.covariance: Floats = np.zeros((n, ERRORS, ERRORS))
         """(n, 15, 15) covariance of the estimate's errors"""
         self.target: Floats = np.zeros((n, 3))
-        """(n, 3) velocity of the reference in m/s, in the axes of the state, if the task observes it"""
+        """(n, 3) velocity of the reference in m/s, in the axes of the state; 0 if the task does not observe this velocity"""
         self.ahead: list[Floats] = [np.zeros((1, 3))] * n
         """n arrays (1 + points, 3) in m: positions of the reference now and at the times of the preview, in
         the axes of the state
@@ -151,7 +151,7 @@ class Observer:
             self.ahead[i] = np.stack([reference, *(position + turned(point, yaw) for point in points)])
 
     def _begin(self, i: int) -> None:
-        """Reset row i: at rest, level, in still water."""
+        """Reset the estimate of row i to a vehicle at rest, level, in still water."""
         self.first[i] = True
         self.state[i] = 0.0
         self.state[i, 3] = 1.0
@@ -178,7 +178,7 @@ class Observer:
                 continue
             reading = observation[self._read[name]]
             if name == "gravity":
-                # Rotation from the predicted to the measured direction, to first order.
+                # Rotation from the predicted to the measured direction of gravity, to first order.
                 off = np.cross(reading, -R[2])[:2]
             else:
                 off = reading - x[errors.start + 1 : errors.stop + 1]  # quaternion: 4 numbers, error: 3
@@ -201,7 +201,7 @@ class Observer:
         m is 3 in the body frame, whose readings do not contain the yaw, else 4.
         """
         far, turn = self._noise
-        # Derivative of the yaw by a small rotation in body axes, bounded for a vehicle that points up or down.
+        # Derivative of the yaw with respect to a small rotation in body axes, bounded for a vehicle that points up or down.
         turning = R[2] * [0.0, 1.0, 1.0] / max(R[2, 1] ** 2 + R[2, 2] ** 2, 0.01)
         missing = position - x[:3]
         H = np.eye(3, ERRORS)

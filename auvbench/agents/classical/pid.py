@@ -24,14 +24,14 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-HOLDING = np.radians(30.0)  # largest yaw error at which the integral of the heading grows
+HOLDING = np.radians(30.0)  # largest yaw error in rad at which the yaw error is integrated
 STEERED = 2.0
 """Smallest bandwidth of the heading loop in rad/s if the guidance by a way or a sonar commands the heading. With 0.6 rad/s, the moment of a
 cross current keeps a BlueROV2 up to 60 degrees off its course"""
 STEEPEST = np.radians(35.0)  # largest commanded flight-path angle
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
 TURNING_RADIUS = 14.0  # turning radius in m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
-MARGIN = 3.0  # m, radius of the goal
+MARGIN = 3.0  # m, assumed distance at which the vehicle reaches a waypoint
 PATH_GAIN = 1.0  # rad of elevator per rad of flight-path error
 LEAD_GAIN = 0.35  # rad of elevator per rad of commanded flight-path angle
 
@@ -114,7 +114,7 @@ class FinController:
         self.vehicle = vehicle
         self.gains = gains
         self.follows = TASKS[config.task.name].has_yaw
-        """whether the reference is a path, not a waypoint"""
+        """whether the vehicle follows a path; otherwise it moves to a waypoint"""
         spec = observation_spec(config.task, vehicle.actuators)
         self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)
         self.span = vehicle.command_limits
@@ -189,7 +189,7 @@ class FinController:
         its turning circle.
         """
         error = self.estimate.yaw_error
-        # Distance of the waypoint from the centre of the tightest turn towards it.
+        # `off`: distance of the waypoint from the centre of the tightest circle on which the vehicle can turn towards it.
         ahead, aside = level * np.cos(error), level * np.abs(np.sin(error))
         off = np.hypot(ahead, aside - TURNING_RADIUS)
         within = (off < TURNING_RADIUS - MARGIN) & (level > MARGIN)

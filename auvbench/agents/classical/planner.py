@@ -27,13 +27,13 @@ FIRST_ITERATIONS = 8
 
 
 class Planner:
-    """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
+    """Controller of position, and of yaw if the task prescribes a yaw, for vehicles with only thrusters.
 
     A subclass stores the plans; its method `plan` improves the plan of one vehicle.
 
     Attributes:
-        row_by_row: True: an action takes as long in a batch as in a batch of one, so a test divides its episodes among
-            processes.
+        row_by_row: True: the controller computes the actions of a batch one row after the other, so a test divides its
+            episodes among processes.
 
     Raises:
         ConfigError: the vehicle has other actuators than thrusters, or the task shows obstacles only by a range sensor.
@@ -95,7 +95,7 @@ def refuse_ranges(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
 
 
 def room(task: Any) -> Floats:
-    """Return how far plans may go down (negative) and up from the start, in m: (2,).
+    """Return how far plans may go down (negative) and up from the start of the episode, in m: (2,).
 
     The result is infinite if the task does not fix the depth of the start, because the depth is then unknown.
     """

@@ -35,25 +35,25 @@ NEAR = 1.0
 FASTEST = 0.6
 """Largest speed in m/s: above it, a BlueROV2 raises its bow, and its sonar does not look ahead"""
 STOPPING = 0.5
-"""Largest speed towards an echo divided by the free distance, 1/s"""
+"""Largest speed of the vehicle per metre of free distance ahead, 1/s"""
 SCANS, BETWEEN = 6, 0.8
 """Number of stored scans, and time between them in s. A beam passes over or under near obstacles, so these need stored echoes"""
 LEVEL = np.radians(12.0)
 """Largest elevation of rays that look ahead, rad"""
 
 FAR = 1e6
-"""Each coordinate of a missing echo in m: too far away to block a way"""
+"""Coordinates in m that are stored for a missing echo: too far away to block a way"""
 
 CLIMB = 0.8
 """Bandwidth of the altitude loop, 1/s"""
 FASTEST_CLIMB = 0.5
 """Largest vertical speed, m/s"""
 GLITCH = 1.0
-"""Largest accepted jump of a distance, m"""
+"""Largest accepted jump from one measured distance to the next, m"""
 PATIENCE = 8
 """Number of rejected distances in a row after which a jump is accepted"""
 SURE = 0.5
-"""Smallest confidence of a distance that is accepted"""
+"""Smallest confidence at which a measured distance is accepted"""
 
 
 def of(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec) -> Any:
@@ -139,7 +139,7 @@ class FreeWayGuidance:
 
     def reset(self, n: int) -> None:
         self.course: Floats = np.zeros(n)
-        """(n,) direction of the last step, rad from the bow"""
+        """(n,) direction chosen in the previous step, rad from the bow"""
         self.echoes: Floats = np.full((n, SCANS, self.unit.shape[1], 2), FAR)
         """(n, scans, k, 2) stored echoes in m from the vehicle, level axes"""
         self.steps = np.zeros(n, dtype=np.int64)

@@ -36,20 +36,20 @@ STABLE = 2.0
 POINTS = 513
 """Number of points in each table that maps thrusts to commands"""
 SERVED = 0.99
-"""An axis gets its own noise only if the thrusters can give at least this share of a wrench along only this axis"""
+"""Smallest share of a wrench along a single axis that the thrusters must be able to give, so that plans get noise along this axis"""
 DEPTH_PRICE = 1e3
 """cost per m beyond the depth limits"""
 YAW_WEIGHT = 1.0
-"""Weight of the squared yaw error in m2/rad2, if the task has its own yaw"""
+"""Weight of the squared yaw error in m2/rad2, if the task prescribes a yaw"""
 TILT_WEIGHT = 5.0
-"""Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task has its own yaw"""
+"""Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task prescribes a yaw"""
 
 PRICES = record(
     position=(),  # weight of the distance in m, or of its square if the distance is below 1 m
     spin=(),  # s2 m, weight of squared roll and pitch rates
     turn=(),  # s2 m, weight of the squared yaw rate
-    effort=(),  # weight of the squared thrust, as a share of the range
-    change=(),  # weight of the squared change of thrust, as a share of the range
+    effort=(),  # weight of the squared thrust; the thrust is a share of its range
+    change=(),  # weight of the squared change of thrust; the thrust is a share of its range
     yaw=(),  # m2, weight of the squared yaw error
     tilt=(),  # m2, weight of the squared sine of the tilt
     depth=(),  # 1/m, weight of the distance beyond the depth limits
@@ -71,8 +71,8 @@ def draw(
     step: int,
     iteration: int,
     plan: Floats,  # (nodes, n_u) N
-    slope: Floats,  # (m, nodes) derivatives of u' Sigma^-1 (v - u) by the w_k of the noise along each axis
-    mix: Floats,  # (n_u, m) N, standard deviations of the thrusts by the noise along each axis
+    slope: Floats,  # (m, nodes) derivatives of u' Sigma^-1 (v - u) with respect to the w_k of the noise along each axis
+    mix: Floats,  # (n_u, m) N, standard deviation of each thrust due to the noise along each axis
     keep: float,
     low: Floats,  # (n_u,) N
     high: Floats,  # (n_u,) N
@@ -127,12 +127,12 @@ def draw(
 def charge(
     pose: Floats,  # (n, 7)
     velocity: Floats,  # (n, 6)
-    force: Floats,  # (n, n_u) N, of the last command
-    shares: Floats,  # (n_u,) 1/N, of the thrusters' ranges
+    force: Floats,  # (n, n_u) N, forces of the last command
+    shares: Floats,  # (n_u,) 1/N, reciprocals of the thrusters' ranges
     before: Floats,  # (n, n_u) in and out: force as a share of the range
     # Records are passed as floats, because numba compares the types of records again in each call.
-    aims: Floats,  # record of AIM
-    weights: Floats,  # record of PRICES
+    aims: Floats,  # record of type AIM
+    weights: Floats,  # record of type PRICES
     cost: Floats,  # (n,) in and out
 ) -> None:
     """Add the cost of the states and forces at a node."""
@@ -143,7 +143,7 @@ def charge(
         position = vector(poses[i].position)
         away = subtract(position, target)
         distance = math.sqrt(dot(away, away))
-        # The cost is the distance, not its square, so that far and near waypoints have the same pull.
+        # Beyond 1 m, the cost is the distance, not its square, so that far and near waypoints have the same pull.
         total = prices.position * distance * min(distance, 1.0)
         p, q, r = vector(velocities[i].angular)
         total += prices.spin * (p * p + q * q) + prices.turn * (r * r)
@@ -195,7 +195,7 @@ def axes(allocation: Floats, shares: Floats) -> Floats:
 
     Args:
         allocation: (6, n_u) wrench per newton of each thruster.
-        shares: (n_u,) 1/N, of the thrusters' ranges.
+        shares: (n_u,) 1/N, reciprocals of the thrusters' ranges.
     """
     inverse = np.linalg.pinv(allocation, rcond=1e-6)
     served = np.diag(allocation @ inverse) > SERVED

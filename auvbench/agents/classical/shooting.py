@@ -25,9 +25,9 @@ LONGEST_SUBSTEP = 0.125
 # Largest gap between the nodes of a plan and the states that its thrusts lead to (m, m/s, rad/s); beyond it
 # the linearisation is not valid, and the plan is simulated again.
 LARGEST_GAP = 2.0
-# Weight of the squared yaw error in m2/rad2, if the task has its own yaw.
+# Weight of the squared yaw error in m2/rad2, if the task prescribes a yaw.
 YAW_WEIGHT = 1.0
-# Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task has its own yaw.
+# Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task prescribes a yaw.
 TILT_WEIGHT = 5.0
 
 
@@ -74,7 +74,7 @@ class Program:
         self._rate = Direct(rates)
         self._rates = Direct(rates.map(self.N))
         self.limits = model.input_limits * algo.effort
-        # The programme's variables are shares of each thruster's range.
+        # The variables of the quadratic programme are thrusts, as shares of each thruster's range.
         self.scale = np.abs(self.limits).max(axis=1)
         self.position_weight = np.ones(self.N + 1)
         self.position_weight[-1] = np.sqrt(algo.terminal_weight)
@@ -195,8 +195,8 @@ class Program:
     def _cost(self, plan: Plan, S: Floats, d: Floats) -> tuple[Floats, Floats]:
         """Return the cost's Hessian (n + 1, n + 1) and gradient (n + 1,) with respect to the blocks' changes and the slack."""
         n_u, n = self.model.n_u, S.shape[2]
-        # The cost is the distance, not its square, so that far and near waypoints have the same pull. Iterative
-        # reweighting makes it quadratic.
+        # Beyond 1 m, the cost is the distance, not its square, so that far and near waypoints have the same pull.
+        # Iterative reweighting makes this cost quadratic.
         ahead = plan.reference.T
         distance = np.linalg.norm(plan.X[:3, 1:] - ahead, axis=0)
         w = (self.position_weight[1:] / np.sqrt(np.maximum(distance, 1.0)))[:, None]
@@ -205,7 +205,7 @@ class Program:
         H = np.zeros((n + 1, n + 1))
         g = np.zeros(n + 1)
         # Roll and pitch rates have a cost, so that a plan does not tumble through attitudes at which the filter would
-        # diverge. If the task has no yaw of its own, the yaw rate also has a cost: without it, a light vehicle would spin.
+        # diverge. If the task prescribes no yaw, the yaw rate also has a cost, so that a light vehicle does not spin.
         spun = slice(10, 13 if plan.yaw is None else 12)
         spin = np.sqrt(self.spin_weight) * S[1:, spun].reshape(-1, n)
         rates = np.sqrt(self.spin_weight) * (plan.X[spun, 1:].T + d[1:, spun]).ravel()
@@ -244,7 +244,9 @@ class Program:
         return H, g
 
     def _nearness(self, plan: Plan, solids: Floats, S: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return missing clearances (m,) in m and their slopes (m, n), for the hull's spheres at nodes with too small a clearance."""
+        """Return the missing clearances (m,) in m of the hull's spheres that are too near to solids, and the derivatives (m, n) of these
+        clearances with respect to the blocks' changes.
+        """
         assert self.avoidance is not None
         room, away = self.avoidance.clearances(solids, plan.X[:7, 1:].T, self.clearance)
         missing = self.clearance - room - np.einsum("jkc,kc->jk", away, d[1:, :3])
@@ -260,13 +262,13 @@ class Program:
 
 
 def _attitude(plan: Plan, S: Floats, d: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield weight, values (N,) and slopes (N, n) of the costs of yaw and tilt, if the task has its own yaw."""
+    """Yield weight, values (N,) and slopes (N, n) of the costs of yaw and tilt, if the task prescribes a yaw."""
     w, x, y, z = plan.X[3:7, 1:]
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
 
     def along(*parts: Floats | float) -> tuple[Floats, Floats]:
-        """Return the drift (N,) and slopes (N, n) of a function with these derivatives with respect to w, x,
-        y and z.
+        """Return a function's change (N,) from the nodes' deviations and its slopes (N, n); `parts` are the function's
+        derivatives with respect to w, x, y and z.
         """
         own = np.stack(np.broadcast_arrays(*parts, w)[:4])
         return np.einsum("ck,kc->k", own, d[1:, 3:7]), np.einsum("ck,kcn->kn", own, S[1:, 3:7])

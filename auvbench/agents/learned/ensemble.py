@@ -94,7 +94,7 @@ class Ensemble(nn.Module):
 
 
 def bounded(spread: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """Return logarithms of variances between smooth bounds (Chua et al. 2018, appendix A.1)."""
+    """Return the logarithms of variances `spread`, limited smoothly to `low` .. `high` (Chua et al. 2018, appendix A.1)."""
     spread = high - nn.functional.softplus(high - spread)
     return low + nn.functional.softplus(spread - low)
 

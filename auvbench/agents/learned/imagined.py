@@ -24,13 +24,13 @@ from auvbench.registry import TASKS
 MOTION = ("velocity", "angular_velocity", "gravity")
 """blocks that the ensemble predicts"""
 SIZE = 9
-"""Number of values of a motion"""
+"""Length of a motion: three blocks of three values"""
 REWARDS = ("thesis", "tracking", "goal", "exponential")
 """rewards that can be computed from the predicted observation"""
 TASKS_KNOWN = ("waypoint", "station_keeping")
-"""tasks with a fixed reference, whose reward and end can be computed from the predicted observation"""
+"""tasks whose reference is fixed, so that reward and end of an episode can be computed from the predicted observation"""
 STEEPEST = 1e-2
-"""Smallest squared cosine of the pitch by which the yaw rate is divided"""
+"""Lower limit of the squared cosine of the pitch, which is the denominator of the yaw rate"""
 
 
 class Prediction:
@@ -49,7 +49,7 @@ class Prediction:
         """Return motions (H + 1, members, n, 9) under plans.
 
         Args:
-            motion: (9,) at the start.
+            motion: (9,) motion at the start of the plans.
             previous: (n_u,) action of the last step.
             actions: (H, n, n_u) n plans of H steps.
             noise: (H, members, 1, 9) standard normal draws.
@@ -187,7 +187,7 @@ class Returns:
             )
         weight = self._gamma ** torch.arange(len(reward), dtype=torch.float32)[:, None, None]
         weight = torch.where(over, weight, torch.cat([weight[:-1], weight[-1:] * self._tail]))
-        # A step counts if no earlier step ended the episode.
+        # A step's reward is added only if no earlier step ended the episode.
         alive = torch.ones_like(reward)
         alive[1:] = torch.cumprod((~over[:-1]).float(), dim=0)
         return (alive * weight * reward).sum(0)

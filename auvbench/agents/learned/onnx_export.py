@@ -92,7 +92,7 @@ def build(
 
 
 def _drop_notes(model: Any) -> None:
-    """Clear the notes of the exporter, which contain paths of this machine, and the shapes that it inferred."""
+    """Clear the exporter's notes, which contain paths of this machine, and the shapes that the exporter inferred."""
     waiting = [model]
     while waiting:
         message = waiting.pop()

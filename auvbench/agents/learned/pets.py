@@ -40,11 +40,11 @@ Floats = NDArray[np.float32]
 
 FILE = "ensemble.pt"
 FIRST_ITERATIONS = 4
-"""improvements of the first plan of an episode; later plans are improved once"""
+"""number of improvements of an episode's first plan; later plans are improved once"""
 SPREAD = 0.7
 """standard deviation of random actions"""
 FIT, EXPLORE, TRAIN, TEST = range(4)
-"""random streams: bootstrap and batches of the fit, random actions, plans in training, plans in tests"""
+"""random streams of the draws: bootstrap and batches of the fit; random actions; plans in training; plans in tests"""
 
 
 def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
@@ -123,7 +123,8 @@ class PETSLearner:
     """Probabilistic ensembles with trajectory sampling, with the interface of `auvbench.agents.base.Learner`.
 
     Attributes:
-        row_by_row: True: an action takes as long in a batch as in a batch of one, so a test divides its episodes among processes.
+        row_by_row: True: the learner computes the actions of a batch one row after the other, so a test divides its episodes among
+            processes.
     """
 
     exact_resume = True
@@ -375,6 +376,6 @@ class PETSLearner:
 
 
 def _passed(before: int, steps: int, algo: Any) -> bool:
-    """Return whether a fit became due after step `before`: at the end of the random actions, then every `fit_every` steps."""
+    """Return whether a fit became due between `before` and `steps`: one is due after the random actions, then every `fit_every` steps."""
     start, every = algo.learning_starts, algo.fit_every
     return bool(before < start or (steps - start) // every > (before - start) // every)

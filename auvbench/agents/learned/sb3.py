@@ -178,11 +178,11 @@ class Follower(BaseCallback):
 
     def _on_step(self) -> bool:
         spent = self._callbacks.step(self.num_timesteps, self._transition())
-        self.model.start_time += round(spent * 1e9)  # a test must not reduce steps per second
+        self.model.start_time += round(spent * 1e9)  # tests must not reduce SB3's steps per second
         return True
 
     def _on_training_end(self) -> None:
-        # If a callback stopped the training within a step, the state is incomplete and not checked.
+        # If a callback stopped the training within a step, the state is incomplete, so it is not checked.
         if self.model.num_timesteps >= self.model._total_timesteps:
             learners.check_losses(self.model)
 

@@ -142,7 +142,7 @@ def plain(node: Any) -> Any:
     if isinstance(node, (list, tuple)):
         return type(node)([plain(value) for value in node])
     if isinstance(node, torch.Tensor):
-        return node.detach().clone()  # it may be a view of a larger tensor, which would be written as a whole
+        return node.detach().clone()  # torch would write a view as the whole larger tensor
     return sys.intern(node) if isinstance(node, str) else node
 
 

@@ -230,7 +230,7 @@ def read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, 
 
 
 def _fault(value: Any, like: Any) -> str:
-    """Return how an array or tensor differs from `like` in shape or type, or that it is not finite; '' if it is right."""
+    """Return what is wrong with an array or tensor: a shape or type that differs from `like`, or a number that is not finite; else ''."""
     if value is None:
         return "is missing"
     if not isinstance(value, type(like)):

@@ -67,7 +67,7 @@ class Trained:
     def _adopt(self, *_: Any) -> None:
         """Copy the optimizer's state, if it has any, into this object's arrays, and let the optimizer use these arrays.
 
-        Called also after the optimizer's `load_state_dict`, which gives the optimizer tensors of its own.
+        Called also after the optimizer's `load_state_dict`, which gives the optimizer new tensors.
         """
         state = self._optimizer.state
         self._step.zero_()

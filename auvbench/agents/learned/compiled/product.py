@@ -29,7 +29,7 @@ Vector = NDArray[np.float32]
 
 
 def _tile(rows: int, vectors: int) -> Any:
-    """Return a function for compiled code that computes a tile of `rows` x `vectors * WIDTH` numbers of a matrix product.
+    """Return a function that computes a tile of `rows` x `vectors * WIDTH` numbers of a matrix product; only compiled code can call it.
 
     The function's arguments: left matrix, offset of the tile's first row, strides of rows and columns; packed panel;
     length of the sums; result, offset of the tile, stride of rows. Matrices are flat arrays.
@@ -101,7 +101,7 @@ def _generate(rows: int, vectors: int, context: Any, builder: Any, signature: An
 
 
 def _columns(rows: int, vectors: int) -> Any:
-    """Return a compiled function that computes `vectors * WIDTH` columns of a product, or fewer at the product's right edge."""
+    """Return a compiled function that computes `vectors * WIDTH` columns of a product, or the remaining columns at its right edge."""
     columns = vectors * WIDTH
     many, single = _tile(rows, vectors), _tile(1, vectors)
 
