@@ -30,7 +30,7 @@ from auvbench.training import worker
 from auvbench.vehicles import sheet
 
 TRIED = 16
-"""Number of episodes that are drawn in a world with solids to check the world before a run is created"""
+"""Number of episodes whose starts and goals are checked in a world with solids before a run is created"""
 
 
 def check_runnable(config: schema.TrainConfig) -> None:
@@ -111,14 +111,14 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             else:
                 result = {"files": _admit(run, config)}
             with storage(f"cannot write {run.path}"):
-                # Includes the simulator's versions, which are known by now.
+                # The versions include the simulator's versions, which are known only now.
                 manifest = close(
                     "complete", **result, versions=provenance.versions() | complete.releases(config)
                 )
         except LockLostError:
             raise  # the run and its manifest belong to another process now
         except (KeyboardInterrupt, Exception) as error:
-            interrupted = interruption.cause(error)  # a library may have raised another error instead
+            interrupted = interruption.cause(error)  # a library may hide the interruption behind its own error
             if interrupted is not None:
                 with suppress(OSError):
                     close("interrupted")

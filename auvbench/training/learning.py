@@ -50,7 +50,7 @@ class Session:
     reporter: Reporter
     validator: Validator | None
     stop: Request
-    """request to stop, checked in every step"""
+    """request to stop the run; each step checks it"""
     steps: int = 0
     """finished environment steps"""
     began_at: float | None = None
@@ -142,7 +142,7 @@ class Session:
 
 
 def reached(steps: int, reporter: Reporter) -> dict[str, Any]:
-    """Return the manifest entries for the progress of a training: steps, episodes and success rate."""
+    """Return the manifest entries that describe the progress of a training: steps, episodes and success rate."""
     return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
 
 
@@ -190,7 +190,7 @@ def learn(
         Interrupted: `stop` was set. A learner with exact resume was saved first, unless it reached its next checkpoint too late.
     """
     begun = time.monotonic()
-    # Total durations of the phases in earlier attempts, as far as these attempts wrote them to the manifest.
+    # Total durations of the phases in earlier attempts. The manifest lacks the durations that an attempt did not write.
     earlier: dict[str, float] = run.manifest().get("phases", {})
     train = config.train
     checkpointer = Checkpointer(

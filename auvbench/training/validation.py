@@ -38,7 +38,7 @@ def columns(task: str) -> tuple[str, ...]:
 
 
 def _means(task: str) -> list[str]:
-    """Return the record columns whose means are written: steps, duration, and the task's primary measure if the record has it."""
+    """Return the columns of an episode's record whose means a test writes: steps, duration, and the task's primary measure if recorded."""
     primary = TASKS[task].primary.removeprefix("mean_")
     return ["steps", "duration_s", *([primary] if primary in record_columns(task) else [])]
 
@@ -90,8 +90,8 @@ class Validator:
     def is_owed(self, steps: int, n: int) -> bool:
         """Return whether the final policy of a training must still be tested, after `steps` steps of n environments.
 
-        The final test is owed if the last step passed no multiple of the interval, and this process has not tested the policy at
-        this step.
+        The final test is owed unless the last step passed a multiple of the interval, or this process has already tested the
+        policy at this step.
         """
         return steps % self._every >= n and self._tested != steps
 

@@ -77,7 +77,7 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
     Args:
         run: run directory.
         function: function that carries out the run.
-        request: result of `interruption.immediate` if it handles the signals, else None.
+        request: result of `interruption.immediate` if that function handles the signals, else None.
 
     Raises:
         KeyboardInterrupt: the run was interrupted, even if a library raised another error instead.
@@ -97,9 +97,9 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
             if interrupted is not None:
                 _interrupted(run)
                 raise interrupted from (None if interrupted is error else error)
-            with contextlib.suppress(OSError):  # on a full disk, report the first error
+            with contextlib.suppress(OSError):  # on a full disk, report `error`, not the failed write
                 if not (run.manifest()["state"] == "failed" and run.manifest()["error"]):
-                    fail(run, error)  # unless the training loop has recorded the failure
+                    fail(run, error)  # the training loop has not recorded the failure
             raise
 
 

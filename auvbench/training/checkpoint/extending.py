@@ -26,8 +26,8 @@ from auvbench.vehicles import sheet
 def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
     """Copy a checkpoint, its replay segments and the logs up to the checkpoint into another run's directory.
 
-    The checkpoint itself is moved into place last and atomically. A kill before that leaves a run without a
-    checkpoint, and the next call copies again. Nothing changes in `source`.
+    The checkpoint itself is moved into place last and atomically. A kill before this move leaves `target` without
+    a checkpoint, and the next call copies everything again. Nothing changes in `source`.
 
     Args:
         source: directory of the run that has the checkpoint.
@@ -96,7 +96,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         raise RunError(f"{run.path} is locked by {run_status.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)
     larger["train"]["total_steps"] = total_steps
-    # Place the extended run next to the run, whose folder may have been moved. Neither key is part of a run's identity.
+    # Place the extended run next to the run, whose folder may have been moved. Neither `output` nor `name` is part of a run's identity.
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
     target = place(larger)
@@ -109,7 +109,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
 
 
 def has_begun(run: RunDirectory) -> bool:
-    """Return whether a run is complete or has a checkpoint, so that it needs no checkpoint of a shorter run."""
+    """Return whether an extended run is complete or has its own checkpoint, so that it needs no checkpoint of the shorter run."""
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 

@@ -60,8 +60,8 @@ class ReplayStore:
         return segments
 
     def _write(self, buffer: Ring, start: int, stop: int, rows: int) -> Segment:
-        # If the ring has overwritten the head of a segment that was never written (checkpoints further apart than the
-        # ring is long), the segment begins at the oldest remaining row.
+        # If the last checkpoint is longer ago than the ring's length, the ring has overwritten the first rows of this
+        # segment before they were written to disk. The segment then begins at the oldest remaining row.
         first = max(start, rows - buffer.buffer_size)
         at = np.arange(first, stop) % buffer.buffer_size
         stream = io.BytesIO()
@@ -96,7 +96,7 @@ CLOCK = "clock"
 
 
 class Stateful(Protocol):
-    """Part of a run, other than the learner, that has its own state: for example the environments, or a recorder."""
+    """Object with its own state that belongs to a run in training, for example the environments or a recorder, but not the learner."""
 
     def state_dict(self) -> Mapping[str, NDArray[Any]]: ...
 
@@ -181,7 +181,7 @@ class Checkpointer:
         components, step = self.resumed.components, self.resumed.step
         for name, part in self.parts.items():
             part.load_state_dict(components.arrays[f"part-{name}"])
-        learner.restore(components)  # Last, since it restores generators from which the other parts may draw.
+        learner.restore(components)  # Last: this restores generators from which the parts may draw.
         ring = replay(learner)
         if ring is not None:
             self._replay.load(ring, self.resumed.segments, step // ring.n_envs)
@@ -229,7 +229,7 @@ class Checkpointer:
     def is_due(self, step: int) -> bool:
         """Return whether enough steps or time have passed since the last checkpoint."""
         steps = step - self.saved_step
-        # The monotonic clock, because the wall clock may jump, even backwards.
+        # Use the monotonic clock, because the wall clock may jump, even backwards.
         return 0 < self._every_steps <= steps or (
             0 < self._every_seconds <= time.monotonic() - self._saved_at and steps > 0
         )

@@ -1,7 +1,7 @@
 """Store checkpoints on disk: named components and a manifest with sizes and hashes.
 
 A checkpoint is written under a hidden name, fsynced, and renamed to `<step>`. Older checkpoints are deleted only
-after the renaming, so a run that has written a checkpoint always has a complete one. A directory named after a step
+after the renaming, so a run that has written a checkpoint always has a complete checkpoint. A directory named after a step
 is complete unless the disk damaged it, which the hashes detect. Nothing is unpickled: tensors are read with
 `weights_only=True`, arrays with `allow_pickle=False`, everything else is JSON.
 """
@@ -200,7 +200,7 @@ class CheckpointStore:
                 for path in self.replay_folder.iterdir():
                     if path.name not in names:
                         path.unlink(missing_ok=True)
-            self._remove_leftovers()  # left by a checkpoint that could be neither written nor removed
+            self._remove_leftovers()  # a checkpoint that could be neither written nor removed leaves files
         except (OSError, ValueError) as error:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
 
