@@ -118,7 +118,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         except LockLostError:
             raise  # the run and its manifest belong to another process now
         except (KeyboardInterrupt, Exception) as error:
-            interrupted = interruption.cause(error)  # a library may hide the interruption behind its own error
+            interrupted = interruption.cause(error)  # a library may have replaced the interruption
             if interrupted is not None:
                 with suppress(OSError):
                     close("interrupted")
