@@ -34,7 +34,7 @@ LARGEST, LARGEST_CARD = 16 << 20, 1 << 20
 """Largest size of a network and of a card, bytes"""
 
 MOST = 1000
-"""largest number of observations or actions"""
+"""Largest number of observed numbers or actuators in a card, and of observations that a network may require at once"""
 
 Floats = NDArray[np.float32]
 
@@ -46,7 +46,7 @@ SLACK = 1e-6
 
 ROWS = 64
 """Number of rows of each forward pass. It is fixed, because matrix products of another shape may round differently, and
-an answer must not depend on the size of the batch
+an action must not depend on the number of observations that are passed together
 """
 
 
@@ -88,7 +88,7 @@ class _File:
 @dataclass(frozen=True, slots=True)
 class _Task:
     position_frame: Literal["world", "body"]
-    """frame of the position error that the policy observes"""
+    """coordinate frame in which the policy observes the position error"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ class Card:
     action: tuple[Named, ...]
     file: _File
     document: dict[str, Any] = field(default_factory=dict)
-    """The whole card, with the entries that auvbench does not read"""
+    """The whole card, including the entries that auvbench does not read"""
 
     @property
     def observed(self) -> tuple[str, ...]:
@@ -165,10 +165,10 @@ def parse_card(data: bytes, where: str) -> Card | None:
 
 
 def content(path: Path, limit: int) -> bytes:
-    """Return a file's bytes, at most `limit` of them.
+    """Return a file's bytes.
 
     Raises:
-        PolicyError: the file cannot be read.
+        PolicyError: the file cannot be read, or has more than `limit` bytes.
     """
     try:
         return reading.content(path, limit)
@@ -189,7 +189,7 @@ class Policy:
         card: card of the file. It must name each number of an observation and each actuator.
         rows: number of rows of each forward pass (see `ROWS`), unless the file fixes this number; 1 is fastest for one
             observation.
-        seconds: largest processor time for each answer, s.
+        seconds: largest processor time for loading the file, and for each later answer, s.
 
     Raises:
         PolicyError: the file is damaged, has the wrong shape, or its answers depend on more than the
@@ -214,7 +214,7 @@ class Policy:
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
         self.seconds = 0.0
-        """Processor time of all answers so far, in the process of the policy, s"""
+        """Processor time in s that the policy's process has used for all answers so far"""
         self.input, self.output = self._opened(data, seconds)
         try:
             _fits("input", self.input, observations, card.observed if card else None)
