@@ -102,7 +102,7 @@ AT_ONCE = 8
 HELD_FOR = 60.0
 """Time in s to wait for a run that is still locked, for example by a worker of an earlier, killed controller"""
 TRIES = 3
-"""Largest number of starts of a run whose worker dies"""
+"""Largest number of times that a run is started if its worker dies"""
 
 
 @dataclass(slots=True)
@@ -269,6 +269,6 @@ class Controller(Loop):
 
 
 def _is_divergence(kind: str, message: str) -> bool:
-    """Return whether a training failed because of its settings: a number became infinite or NaN."""
+    """Return whether an error is due to a training's settings: a number became infinite or NaN."""
     words = ("not finite", "became", " is nan", " is inf", " is -inf")
     return kind in ("TrainingError", "ActionError") and any(word in message for word in words)

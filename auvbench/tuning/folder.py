@@ -30,7 +30,7 @@ from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Prose
 
 CONTROLLER = "controller"
-"""folder next to the journal with the lock of the study's controller"""
+"""name of the folder with the lock of the study's controller; it is next to the journal"""
 
 LARGEST = 1 << 28
 """largest journal to read, in bytes"""
@@ -55,7 +55,7 @@ class Journal(BaseJournalBackend):
             return
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: cannot be read: {error}") from error
-        for line in data.split(b"\n")[:-1]:  # a kill cut off any text after the last line break
+        for line in data.split(b"\n")[:-1]:  # text after the last line break is incomplete
             self._take(line)
 
     def _take(self, line: bytes) -> None:
@@ -120,7 +120,7 @@ class Plan:
     name: str
     seed: int
     base: dict[str, Any]
-    """plain configuration of a run; a trial sets algo, seed, name, output and budget"""
+    """plain configuration of a run, in which each trial replaces algo, seed, name, output and budget"""
     tune: Tune
     """settings of the search; `tune.space` has all ranges of the study"""
     protocol: schema.Protocol

@@ -29,7 +29,7 @@ from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study
 
 FEWEST_TRIALS = 10
-"""Smallest number of different scores, among the complete trials, from which the importances of the keys are computed"""
+"""Smallest number of different scores of complete trials with which the importance of each key is computed"""
 
 _STATES = {TrialState.COMPLETE: "done", TrialState.PRUNED: "pruned", TrialState.RUNNING: "running"}
 
@@ -44,9 +44,9 @@ class Gain:
     difference: Estimate
     """tuned minus untuned. For learners, the difference between typical trainings; its limits are infinite below five trainings"""
     trainings: int = 0
-    """number of trainings with tuned and with untuned settings; 0 for a controller"""
+    """number of trainings with tuned settings, and of trainings with untuned settings; 0 for a controller"""
     reliability: Reliability | None = None
-    """share of tuned trainings that are at least as good as the typical untuned training"""
+    """how many tuned trainings are at least as good as the typical untuned training"""
 
 
 @dataclass
@@ -90,13 +90,13 @@ class Outcome(Trials):
     @property
     def evaluator(self) -> PedAnovaImportanceEvaluator:
         """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023). It measures how important each setting is for a trial to be
-        among the best tenth of the trials.
+        among the best tenth of the complete trials, at least the best five.
         """
         return PedAnovaImportanceEvaluator(target_quantile=max(0.1, 5 / max(FEWEST_TRIALS, self.complete)))
 
     @cached_property
     def importances(self) -> Mapping[str, float]:
-        """Return each key's share of the importance; empty with fewer than `FEWEST_TRIALS` different scores."""
+        """Return the importance of each key, with sum 1; empty with fewer than `FEWEST_TRIALS` different scores."""
         values = {trial.value for trial in self.trials if trial.state is TrialState.COMPLETE}
         if len(values) < FEWEST_TRIALS:
             return {}
@@ -155,13 +155,13 @@ def _gains(outcome: Outcome, run_directories: Mapping[str, Sequence[RunDirectory
 
 
 def name_of(plan: Plan) -> str:
-    """Return the preset's name in runs and tables."""
+    """Return the name that the study's preset has in runs and tables."""
     name = str(plan.base["algo"]["name"])
     return f"{plan.name}_tuned" if plan.name == name else plan.name
 
 
 def write(outcome: Outcome, best: FrozenTrial, evidence: str) -> None:
-    """Write the values of the best settings as a preset; `evidence` is a sentence about their gain."""
+    """Write the values of the best settings as a preset; `evidence` is a sentence about the gain of these settings."""
     plan, path, algo, trials = outcome.plan, outcome.folder.best, outcome.algo(best), len(outcome.trials)
     today = datetime.now(UTC).date().isoformat()
     git = provenance.git()

@@ -38,7 +38,7 @@ def of_trial(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int)
 
 
 def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) -> list[RunDirectory]:
-    """Create the runs of a trial at a rung. After the first rung, they continue from the checkpoints of the previous rung.
+    """Create the runs of a trial at a rung. After the first rung, the runs continue from the checkpoints of the previous rung.
 
     Raises:
         RunError: the run of the previous rung is missing or damaged.

@@ -44,12 +44,12 @@ class Score:
     """Score of a trial at a rung."""
 
     score: float
-    """number by which trials are ranked; higher is better"""
+    """number that ranks the trials; higher is better"""
     objective: float
     low: float
     high: float
-    """upper limit of the 95 % interval of the objective, over validation episodes and, with several seeds,
-    over seeds
+    """upper limit of the objective's 95 % interval; the interval covers validation episodes and, with several seeds,
+    training seeds
     """
     then: float
 
@@ -74,7 +74,7 @@ def of_plain(plain: Any) -> Score:
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """Measures that decide which trial is best: `measure`, and `then` between trials with an equal rate in `measure`."""
+    """Measures that decide which trial is best: `measure`; if trials have equal rates in `measure`, `then`."""
 
     measure: Measure
     then: Measure
@@ -289,7 +289,7 @@ class Search(Trials):
         """Return the next step to train; None if the search waits for a result or is over."""
         if self.plan.tune.preset and not self.trials:
             first = of_preset(self.plan.base["algo"], self.plan.dimensions)
-            self.study.enqueue_trial(first, skip_if_exists=True)  # it may already be queued after a kill
+            self.study.enqueue_trial(first, skip_if_exists=True)  # `first` may be queued since before a kill
         while not self.queue and len(self.trials) < self.limit:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None

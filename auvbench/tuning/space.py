@@ -48,7 +48,7 @@ class Dimension:
         return tuple(str(choice) for choice in choices)
 
     def plain(self, value: Value) -> Any:
-        """Return the configuration value of a trial's parameter."""
+        """Return the configuration value for the value of a trial's parameter."""
         return copy.deepcopy(self.values[self.choices.index(str(value))]) if self.choices else value
 
     def parameter(self, value: Any) -> Value | None:
@@ -64,8 +64,8 @@ class Dimension:
         return (self.distribution.low, self.distribution.high)
 
     def at_end(self, value: Value) -> bool:
-        """Return whether a parameter is within 2 % of an end of its range, in percent of the range and, for a logarithmic range, on a log
-        scale.
+        """Return whether a parameter's distance from an end of its range is at most 2 % of the range. A logarithmic range is measured on a
+        log scale.
         """
         distribution = self.distribution
         if isinstance(distribution, CategoricalDistribution) or distribution.single():
@@ -186,7 +186,7 @@ def validate_space(
 
 
 def of_preset(algo: Mapping[str, Any], dimensions: Sequence[Dimension]) -> dict[str, Value]:
-    """Return the parameters of a trial whose settings are the preset's values, without values outside of their range."""
+    """Return the parameters of a trial with the preset's settings; leave out each parameter whose value is outside of its range."""
     values = flat(algo, GROUP)
     found = {d.key: d.parameter(values[d.key]) for d in dimensions}
     return {key: value for key, value in found.items() if value is not None}
