@@ -36,8 +36,8 @@ class State:
     """Poses of k vehicles and their references, without noise; world axes, m."""
 
     pose: Floats  # (k, 7) x, y, z, quaternion (w, x, y, z)
-    reference: Floats  # (k, 3) the waypoint of the waypoint task
-    distance: Floats  # (k,)
+    reference: Floats  # (k, 3) reference positions; in the waypoint task, the waypoints
+    distance: Floats  # (k,) distance from the vehicle to the reference
     force: Floats  # (k, n_u) commanded forces of the actuators in the last step, N
     key: str  # name of the reference in `info`
 
@@ -97,7 +97,7 @@ class Batch:
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.navigation = navigation.make(config, self.vehicle, self.task)
-        """Sensors and estimates; None if agents know their true motion"""
+        """Navigation sensors and estimator; None if agents do not observe estimates"""
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
         """First observations (n, n_obs) of the episodes that `load_state_dict` had to restart; None without a restart"""
@@ -105,8 +105,8 @@ class Batch:
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._over: NDArray[np.bool_] = np.zeros(self.n, dtype=np.bool_)
-        """Whether the end of each episode (n,) was reported. Without `autoreset`, the vehicle moves on, and no further
-        end is reported"""
+        """(n,) whether the end of the row's episode was reported. Without `autoreset`, the vehicle moves on after this end,
+        and no second end is reported"""
         self._nowhere = self._state(self._none)
         self._unseen = self.task.observation[:0]
 
@@ -138,7 +138,7 @@ class Batch:
         return State(pose, reference, distance, state.force[indices], state.key)
 
     def reseed(self, seed: int, indices: NDArray[np.int64] | None = None) -> None:
-        """Start again at episode 0 with another seed, in all or some environments; `reset` must follow.
+        """Start again at episode 0 with another seed, in all environments or in `indices` (k,); call `reset` next.
 
         Raises:
             ConfigError: the seed is not in 0 .. 2^32 - 1.
@@ -215,7 +215,7 @@ class Batch:
         option = "waypoint" if pose is None else "pose"
         try:
             task.place(indices, start, waypoint)
-        except ConfigError as error:  # from the task's world
+        except ConfigError as error:  # the world rejects a start or a goal
             task.load_state_dict(before)
             raise ConfigError(f"options['{option}']: {error}") from None
         for i in indices.tolist():
@@ -234,11 +234,11 @@ class Batch:
 
     @property
     def _moved(self) -> Any:
-        """Return the simulator, wrapped so that sensors sample its steps. A property, because `simulator` may be replaced."""
+        """Return the simulator; with navigation, its wrapper lets sensors measure in each step. A property, because `simulator` may be replaced."""
         return self.simulator if self.navigation is None else self.navigation.watched(self.simulator)
 
     def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
-        """Return observations (n, n_obs); with an estimator, range sensors still measure from the true poses."""
+        """Return observations (n, n_obs). Range sensors measure from the true poses, also if agents observe only estimated poses."""
         seats = self.simulator.pose if self.navigation is not None else None
         return self.task.observe(*self._measured(), indices, seats)
 
@@ -389,7 +389,7 @@ def admit(action: Any, clipped: Floats) -> None:
         )
     if values.dtype.kind not in "fiub":
         raise ActionError(f"an action of type {values.dtype}: must be numbers")
-    # Always the same type, so that `clip` is compiled only once.
+    # Convert all actions to the same type, so that `clip` is compiled only once.
     bad = clip(np.ascontiguousarray(values, dtype=np.float64), clipped)
     if bad >= 0:
         numbers = ", ".join(f"{value:g}" for value in values[bad])

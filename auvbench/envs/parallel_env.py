@@ -142,8 +142,8 @@ class AuvParallelEnv(ParallelEnv):  # type: ignore[misc]
         )
 
     def state(self) -> Observation:
-        """Return the true state of the team for a central critic: for each vehicle its pose (7), velocity (6), and the position (3)
-        and velocity (3) of its reference.
+        """Return the true state of the team for a central critic. Each vehicle has 19 values: its pose (7), its velocity (6), and the
+        position (3) and velocity (3) of its reference.
 
         Raises:
             ResetNeeded: no episode has begun.

@@ -265,7 +265,7 @@ class Scene:
         self._farthest = 1.25 * max(*trail.distance, tolerance(self._task))
         with own_style(LOOK):
             figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
-            self._canvas = FigureCanvasAgg(figure)  # typed Any: its stubs are not complete
+            self._canvas = FigureCanvasAgg(figure)  # typed Any: Matplotlib's stubs are incomplete
             self._axes = panels(
                 figure,
                 self._task,

@@ -52,7 +52,7 @@ class AuvVecEnv(VecEnv):
     Args:
         batch: batch with automatic reset.
         detailed: whether every environment has an `info` at every step (`auvbench.envs.info`). If not, only
-            environments whose episode ended have one, which is enough for SB3's learners.
+            environments whose episode ended have an `info`, which is enough for SB3's learners.
         render_mode: see `AuvEnv`.
 
     `transition` is the result of the last step.

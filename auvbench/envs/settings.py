@@ -103,7 +103,7 @@ def split(overrides: Overrides) -> list[str]:
 
 
 def refuse_team(config: schema.TrainConfig) -> None:
-    """Raise ConfigError for a team; for interfaces whose episodes have only one vehicle."""
+    """Raise ConfigError for a task with a team; interfaces whose episodes have only one vehicle call this function."""
     if config.task.team > 1:
         raise ConfigError(
             f"task.vehicles={config.task.team}: this interface has one vehicle in an episode; use auvbench.parallel_env or "

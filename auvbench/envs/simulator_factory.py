@@ -35,8 +35,8 @@ def make_simulator(
     """Return the simulator that the configuration names.
 
     The simulator's step is at most the shortest time constant of all vehicles that may be drawn, even if the
-    configuration allows a longer step. RK4 is stable up to 2.78 time constants. The margin is for currents, and for
-    vehicles that turn faster than their thrust could turn them.
+    configuration allows a longer step. RK4 is stable up to 2.78 time constants. The margin between
+    1 and 2.78 is for currents, and for vehicles that turn faster than their thrust could turn them.
 
     Args:
         disturbance: disturbance that may draw vehicles; None if all vehicles equal the sheet.

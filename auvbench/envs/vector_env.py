@@ -102,7 +102,7 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         }
         self._renderer = rendering.Renderer(render_mode, self.batch)
         self._seeded = False
-        self._ended = np.ones(num_envs, dtype=np.bool_)  # no episode is under way
+        self._ended = np.ones(num_envs, dtype=np.bool_)  # at creation, no environment has an episode
 
     def reset(
         self,
