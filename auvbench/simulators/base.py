@@ -85,11 +85,12 @@ class DrawnSimulator(Simulator, Protocol):
 
 
 class VehicleBatch:
-    """Arrays and substeps that the simulators running in this process have in common.
+    """Base of the simulators that run in auvbench's own process: their common arrays and the number of substeps.
 
     Attributes in addition to `Simulator`'s:
-        current: (n, 8) velocity of the current above the depths in which it changes (3), change of the velocity over
-            these depths (3), z of their top, 1 / their thickness. `set_current` writes this array.
+        current: (n, 8) current. It changes with depth within one layer. The columns are the velocity above the layer (3), the
+            change of the velocity across the layer (3), z of the layer's top, and 1 / the layer's thickness. `set_current`
+            writes this array.
         external_wrench: (n, 6) force (N) and moment (N m) at the body origin, body axes, added to the actuators'
             wrench; it acts until it is changed.
         scales: (n, 6) scales of the last `reset`.
@@ -120,7 +121,7 @@ class VehicleBatch:
 
     def substeps(self, duration: float) -> int:
         """Return the number of equal substeps for `duration` seconds."""
-        # The margin absorbs rounding: 1/25 s must give four substeps of 0.01 s.
+        # Subtracting 1e-9 absorbs rounding errors: 1/25 s must give four substeps of 0.01 s.
         return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def _place(self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike) -> None:

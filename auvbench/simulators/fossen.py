@@ -91,7 +91,7 @@ class FossenSimulator(VehicleBatch):
             if first < last
         ]
         self.set_waves(still(n))
-        # One block of parameters is used for all vehicles until a vehicle differs.
+        # All vehicles use one block of parameters until a vehicle differs from the others.
         rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
@@ -99,7 +99,7 @@ class FossenSimulator(VehicleBatch):
         """Changes (n,) of the vehicles, records of `layout.CHANGE`; None: all vehicles equal the sheet, apart from their scales"""
 
     def load_bodies(self, vehicles: Sequence[VehicleModel]) -> None:
-        """Divide the blocks into equal groups, and give each group the masses, damping and buoyancy of one of `vehicles`.
+        """Divide the blocks of vehicles into equal groups. Give each group the masses, damping and buoyancy of one of `vehicles`.
 
         The actuators do not change. Afterwards, `reset` must not be given scales, and `set_vehicles` must not be called.
 
@@ -314,7 +314,7 @@ def discretise(vehicle: VehicleModel, duration: float) -> NDArray[Any]:
     for row, unit in zip(table, vehicle.units, strict=True):
         order = unit.lag.order
         if order == 0:
-            row["C"][0] = 1.0  # a rate-limited actuator's state is its output
+            row["C"][0] = 1.0  # the state of a rate-limited actuator is its output
             continue
         if unit.lag not in done:
             done[unit.lag] = unit.lag.discretise(duration)

@@ -59,7 +59,7 @@ class Trajectory:
 
 def sample_times(duration: float, sample: float) -> FloatArray:
     """Return the times 0, sample, 2 sample, ... and `duration` itself, (T,) in s."""
-    # The margin tolerates the quotient's rounding: 20 s at 0.1 s are 200 intervals.
+    # The factor 1 + 1e-12 absorbs the rounding of the quotient: 20 s at 0.1 s must give 200 intervals.
     whole = math.floor(duration / sample * (1 + 1e-12))
     times: FloatArray = np.arange(whole + 1, dtype=np.float64) * sample
     if duration - times[-1] > 1e-9 * duration:
@@ -115,7 +115,7 @@ def integrate(
     times = sample_times(duration, sample)
     poses, velocities = [simulator.pose[0].copy()], [simulator.velocity[0].copy()]
     for before, after in pairwise(times.tolist()):
-        # All whole intervals get exactly the same duration; differences of rounded times would vary in the last bits.
+        # All whole intervals get exactly the duration `sample`; differences of rounded times would vary in the last bits.
         simulator.step(action, min(sample, duration - before) if after == duration else sample)
         if not (np.isfinite(simulator.pose).all() and np.isfinite(simulator.velocity).all()):
             raise IntegrationError(
