@@ -234,7 +234,7 @@ class Batch:
 
     @property
     def _moved(self) -> Any:
-        """Return the simulator; with navigation, its wrapper lets sensors measure in each step. A property, because `simulator` may be replaced."""
+        """Return the simulator; with navigation, a wrapper lets sensors measure in each step. A property, as `simulator` may be replaced."""
         return self.simulator if self.navigation is None else self.navigation.watched(self.simulator)
 
     def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
