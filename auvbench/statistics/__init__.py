@@ -3,7 +3,7 @@
 docs/statistics-appendix.md explains the choice of each method and has its measured error rates.
 
 `crossed` computes means over seeds and scenarios; `typical` compares learners; `differences` compares
-controllers and corrects for all pairs; `reliability` counts the trainings that are not behind the baseline;
+controllers and corrects for all pairs; `reliability` counts the trainings that are at most a margin worse than the baseline;
 `intervals` has intervals of rates; `power` plans experiments.
 """
 

@@ -48,7 +48,7 @@ MIXED = "test episodes, and training seeds where there are several"
 
 
 def covers(seeds: FloatArray) -> str:
-    """Return which uncertainty an interval covers, as text, from the agents' numbers of seeds."""
+    """Return a text that says which uncertainty an interval covers; `seeds` are the agents' numbers of seeds."""
     if seeds.min() > 1:
         return SEEDS_AND_EPISODES
     return MIXED if seeds.max() > 1 else EPISODES_ONLY
@@ -58,12 +58,12 @@ def covers(seeds: FloatArray) -> str:
 class Crossed:
     """Means of n agents and the parts of their variance; NaN for an agent without a value."""
 
-    mean: FloatArray  # (n,)
-    seeds: FloatArray  # (n,) S, seeds with a value
-    between_seeds: FloatArray  # (n,) A; 0 with one seed
-    residual: FloatArray  # (n,) R; 0 with one seed
-    between_scenarios: FloatArray  # (n, n) covariance of the scenarios' means / E, with B on the diagonal
-    episodes: FloatArray  # (n,) scenarios with a value
+    mean: FloatArray  # (n,) mean over an agent's values
+    seeds: FloatArray  # (n,) S, number of seeds with a value
+    between_seeds: FloatArray  # (n,) A of the module's docstring; 0 with one seed
+    residual: FloatArray  # (n,) R of the module's docstring; 0 with one seed
+    between_scenarios: FloatArray  # (n, n) covariance between agents of the scenarios' means / E; diagonal: B
+    episodes: FloatArray  # (n,) number of scenarios with a value
     values: FloatArray  # (n,) number of values
     seeds_df: FloatArray  # (n,) degrees of freedom of between_seeds; infinite with one seed
     rate: bool
@@ -77,7 +77,7 @@ class Crossed:
 
     @property
     def scenarios(self) -> FloatArray:
-        """Return the (n,) parts of `variance` from the scenarios."""
+        """Return, for each agent, the part of `variance` that comes from the scenarios: (n,)."""
         return np.maximum(np.diagonal(self.between_scenarios) - self.residual, 0.0)
 
 
@@ -125,7 +125,7 @@ def crossed(
             mean[i], columns[i], between[i], residual[i] = _layout(x, present)
     covariance, episodes = _covariance(columns, paired)
     if rate:
-        # With one scenario, the variance between scenarios is unknown. It is set to 0, and `limits` takes the scenario
+        # With one scenario, the variance between scenarios is unknown. It is set to 0, and `limits` treats the scenario
         # as a single trial.
         single = np.flatnonzero((episodes == 1) & (seeds > 1))
         covariance[single, single] = 0.0
@@ -142,7 +142,7 @@ def crossed(
 
 
 def _layout(x: FloatArray, present: BoolArray) -> tuple[float, FloatArray, float, float]:
-    """Return the mean, the scenarios' means (E,), A and R of one agent's values (S, E)."""
+    """Return the mean, the scenarios' means (E,), and A and R (see the module) of one agent's values (S, E)."""
     filled = np.where(present, x, 0.0)
     count = present.sum(axis=0)
     columns = np.divide(filled.sum(axis=0), count, out=np.full(x.shape[1], np.nan), where=count > 0)

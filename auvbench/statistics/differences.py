@@ -25,7 +25,7 @@ class Pairs:
     low: FloatArray
     high: FloatArray
     p: FloatArray
-    """Two-sided p-values of the paired t-test of equal means; for rates, use `mcnemar` instead"""
+    """(n, n) two-sided p-values of the paired t-test that two means are equal; for rates, use `mcnemar` instead"""
 
     def estimate(self, i: int, j: int, confidence: float) -> Estimate:
         """Return the difference of agent i and agent j as an `Estimate`."""

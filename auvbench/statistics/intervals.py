@@ -1,4 +1,4 @@
-"""Compute intervals of rates, limits from few trials, and the quantiles of all intervals."""
+"""Compute intervals of rates, limits of probabilities from few trials, and the quantiles for all intervals."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def wilson(successes: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tupl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Variance of estimates from seeds and from scenarios, with the degrees of freedom of each; arrays of equal shape."""
+    """Two parts of the variance of estimates, from seeds and from scenarios, each with its degrees of freedom; arrays of equal shape."""
 
     seeds: FloatArray
     seeds_df: FloatArray
@@ -82,7 +82,7 @@ class Spread:
     scenarios_df: FloatArray
 
     def quantile(self, confidence: float) -> FloatArray:
-        """Return the half width of the interval in standard errors."""
+        """Return the half width of each estimate's interval, as a multiple of the estimate's standard error."""
         over_seeds, over_scenarios = (quantile(confidence, df) for df in (self.seeds_df, self.scenarios_df))
         with np.errstate(divide="ignore", invalid="ignore"):
             combined = np.sqrt(

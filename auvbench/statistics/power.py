@@ -28,7 +28,7 @@ class Rates:
 
     A training's rate over all scenarios is expit(m + sd z) with z from a standard normal distribution, so the
     typical training's rate is expit(m). In a scenario with the effect b, also standard normal, the rate is
-    Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b). Its mean over b is the training's rate.
+    Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b). The mean of this rate over b is the training's rate.
     """
 
     sd: float
@@ -62,7 +62,7 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """Model of a mean, such as steps: the sum of normal effects of training seeds, scenarios and residuals.
+    """Model of a measure that is not a rate, such as steps: the sum of normal effects of seeds and scenarios, and of residuals.
 
     A scenario has the same effect on all agents.
     """
@@ -81,7 +81,7 @@ class Means:
         rng: np.random.Generator,
         controllers: Sequence[bool] = (),
     ) -> list[FloatArray]:
-        """Return simulated agents with the given means, in the form of `Rates.draw`."""
+        """Return simulated values of agents with the true means `values`, in arrays like those of `Rates.draw`."""
         hard = self.scenario_sd * rng.normal(size=E)
         drawn = []
         for value, single_run in zip(values, controllers or [False] * len(values), strict=True):
@@ -91,7 +91,7 @@ class Means:
 
 
 Model = Rates | Means
-"""a model of simulated agents"""
+"""model from which agents are simulated"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +102,8 @@ class SeedSpread:
     df: float
     """degrees of freedom: number of seeds minus one, summed over agents"""
     variances: tuple[tuple[float, float, int], ...] = ()
-    """Three numbers per agent: the variance between seeds, the part of it that comes from the random outcomes of episodes, and the
-    degrees of freedom; empty for means"""
+    """Three numbers per agent: the variance between seeds, the part of this variance that comes from the random outcomes of episodes,
+    and the degrees of freedom; empty for means"""
 
     def upper(self, confidence: float = 0.9) -> float:
         """Return the upper confidence limit of the standard deviation, if trainings are normally distributed.
@@ -312,12 +312,12 @@ def trainings_that_decide(
     Args:
         gains: (n,) values of the agent's trainings, higher is better; one value for a controller.
         baseline: (m,) values of the baseline's trainings.
-        error: standard error over scenarios.
-        t: quantile of the interval over scenarios.
+        error: standard error of the difference due to the scenarios.
+        t: quantile of Student's t that multiplies `error`.
         level: error rate of the interval.
-        margin: margin of equivalence; an interval within the margin decides the comparison, too. NaN: no margin.
+        margin: margin of equivalence; an interval inside -margin .. margin also decides the comparison. NaN: no margin.
         power: required share of decided comparisons.
-        above: number of existing trainings, which leave the comparison open.
+        above: number of existing trainings, with which the comparison is still open.
 
     Returns:
         A number larger than `above` and at least `typical.FEWEST`; None if more than `MOST_SEEDS` trainings are needed.

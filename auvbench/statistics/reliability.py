@@ -27,7 +27,7 @@ class Reliability:
     excluded: float
     """Upper one-sided limit of the share of trainings that are behind"""
     mean_turns: float | None
-    """Share of completely failing trainings at which the mean would lose the verdict; None if unknown"""
+    """Smallest share of completely failing trainings that would change the verdict on the mean; None if unknown"""
 
 
 def reliability(
@@ -38,14 +38,14 @@ def reliability(
     edge: float = math.nan,
     failure: float = math.nan,
 ) -> Reliability:
-    """Return how many trainings are not behind, and the share of completely failing trainings at which the
-    mean would lose the verdict.
+    """Return how many trainings are not behind, and the smallest share of completely failing trainings
+    that would change the verdict on the mean.
 
     Args:
         gains: (n,) gain of each training over the baseline.
-        margin: largest loss at which a training counts as not behind.
+        margin: largest loss to the baseline with which a training is not behind.
         confidence: confidence of each interval and of the one-sided limit.
-        edge: gain below which the mean would lose the verdict: 0 for ahead, -margin for equivalent.
+        edge: mean gain below which the verdict on the mean changes: 0 for the verdict ahead, -margin for equivalent.
         failure: gain of a training that fails completely.
 
     >>> import numpy as np

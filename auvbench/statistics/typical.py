@@ -44,7 +44,9 @@ FEWEST = 5
 most trainings fail, because 0.5^4 > 0.05.
 """
 KEPT = math.sqrt(2) - 1
-"""Share of the scenarios' error that `join` adds if the error of the trainings is larger; makes `join` continuous"""
+"""Share of the scenarios' error that `join` adds if the error of the trainings is larger. With this share, the two expressions in
+`join` are equal if both errors are equal
+"""
 LEAST = 1e-30
 """smallest p-value"""
 
@@ -86,8 +88,8 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
     With 2 to `FEWEST` - 1 values the limits are infinite. With more values, but fewer than `trainings_needed`,
     the interval is the whole range of the values, widened at each end by c = level^(-1/(n-1)) / 2 - 1 times the
     range. This is valid if the distribution of trainings has a single peak, at the median. All n values are on
-    one side of the median with probability 2 (1/2)^n. In this case, the nearest value is more than c times the range
-    away from the median with probability at most (1 + c)^-(n-1).
+    one side of the median with probability 2 (1/2)^n. In this case, the distance from the median to the nearest
+    value exceeds c times the range with probability at most (1 + c)^-(n-1).
 
     Args:
         values: (..., n), one per training; n = 1 is a controller, whose value is exact.
@@ -129,7 +131,7 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
 def middle_half(x: FloatArray) -> FloatArray:
     """Return the mean (..., E) in each scenario over the middle half of the trainings (..., n, E).
 
-    The middle half are the trainings that remain without the best and the worst quarter by their means.
+    The middle half are the trainings that remain when the quarter with the best means and the quarter with the worst are removed.
     """
     n = x.shape[-2]
     cut = n // 4
@@ -154,14 +156,14 @@ def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
 
 
 def join(trainings: ArrayLike, scenarios: ArrayLike) -> FloatArray:
-    """Return the distance of an interval's limit from the estimate, given its parts from the trainings and the scenarios."""
+    """Return the distance of an interval's limit from the estimate, given the parts due to the trainings and to the scenarios."""
     a, s = np.asarray(trainings, dtype=np.float64), np.asarray(scenarios, dtype=np.float64)
     return np.maximum(np.hypot(a, s), a + KEPT * s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """The trainings of one agent on one measure, or of many simulated agents along leading axes."""
+    """The trainings of one agent in one measure; leading axes are for many simulated agents."""
 
     means: FloatArray  # (..., n) mean of each training over the scenarios
     middle: FloatArray  # (..., E) mean of the middle half of the trainings in each scenario
@@ -202,7 +204,7 @@ class Contrast:
 
     @cached_property
     def error(self) -> FloatArray:
-        """Return the standard error (...) over scenarios. It is common to all trainings, which are tested in the same scenarios."""
+        """Return the standard error (...) over scenarios. All trainings have this error in common, because their scenarios are the same."""
         total = sum(w * sample.middle for sample, w in zip(self.samples, self.weights, strict=True))
         return scenario_error(np.asarray(total), self.rate)
 
