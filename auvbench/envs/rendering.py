@@ -92,7 +92,7 @@ class Trail:
     command: list[Floats] = field(default_factory=list)  # (n_u,) N
 
     def add(self, pose: Floats, distance: float, command: Floats | None = None) -> None:
-        """Add a pose (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
+        """Add a pose (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to this pose."""
         self.position.append(pose[:3].copy())
         self.yaw.append(float(frames.yaw(pose[3:])))
         self.distance.append(float(distance))

@@ -53,8 +53,8 @@ class Simulator(Protocol):
     ) -> None:
         """Set the current: `velocity` (3,) or (n, 3) in m/s, world axes, the same at all depths.
 
-        With `bottom` (3,) or (n, 3) the current is `velocity` down to `depths[0]`, `bottom` from `depths[1]`
-        on (m, positive down; scalars or (n,)), and linear in between.
+        With `bottom` (3,) or (n, 3), the current is `velocity` above the depth `depths[0]`, `bottom` below the depth
+        `depths[1]`, and linear between these depths. The depths are in m, positive down; scalars or (n,).
         """
 
     def step(self, command: ArrayLike, duration: float) -> None:

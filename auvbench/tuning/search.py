@@ -275,7 +275,7 @@ class Search(Trials):
 
     def __init__(self, plan: Plan, study: Study, base: schema.TrainConfig) -> None:
         super().__init__(plan, study)
-        self.base = base  # used to check proposals
+        self.base = base  # configuration with which proposals are checked
         self.limit = plan.tune.trials
         self.running: dict[int, Trial] = {}
         self.queue: deque[Step] = deque()
@@ -289,7 +289,7 @@ class Search(Trials):
         """Return the next step to train; None if the search waits for a result or is over."""
         if self.plan.tune.preset and not self.trials:
             first = of_preset(self.plan.base["algo"], self.plan.dimensions)
-            self.study.enqueue_trial(first, skip_if_exists=True)  # `first` may be queued since before a kill
+            self.study.enqueue_trial(first, skip_if_exists=True)  # a killed process may have queued `first`
         while not self.queue and len(self.trials) < self.limit:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None

@@ -113,7 +113,7 @@ def price(
     solids: Any,  # (k, size) records of type SOLID
     hull: Floats,  # record of type HULL
     prices: Floats,  # record of type NEARNESS
-    cost: Floats,  # (n,) in and out
+    cost: Floats,  # (n,) costs, increased in place
 ) -> None:
     """Add the price of a small clearance at a node: `weight` per metre below `clearance`, and `contact` in a contact."""
     poses, scene = pose.view(POSE)[:, 0], solids.view(SOLID)[:, 0]

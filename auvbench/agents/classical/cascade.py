@@ -286,7 +286,7 @@ class Cascade:
         return max(float(self.mass[YAW]), float(self.vehicle.linear_damping[YAW]) / rate)
 
     def _drag(self, velocity: Floats) -> Floats:
-        """Return the drag (n, 3) in N at a velocity (n, 3) along the body's axes."""
+        """Return the drag (n, 3) in N at velocities (n, 3) in m/s, both in body axes."""
         return np.asarray(self._damping(velocity, CONTROLLED[:3]) * velocity)
 
     def _damping(self, velocity: Floats, axes: list[int]) -> Floats:
@@ -305,7 +305,7 @@ class Cascade:
         """Return the velocity (n, 3) in m/s, reduced if its drag needs more than CRUISE_SHARE of the thrust."""
         for _ in range(3):
             scale = self._scale(self._allocate(self._drag(velocity)) / CRUISE_SHARE)
-            # Drag grows with at most the square of the speed, so the square root does not reduce the speed too much.
+            # Drag grows at most with the square of the speed, so the factor sqrt(scale) does not reduce the speed too much.
             velocity = velocity * np.sqrt(scale)[:, None]
         return velocity
 

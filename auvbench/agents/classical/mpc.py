@@ -70,7 +70,7 @@ class MPCController(Planner):
         self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo, self.avoidance)
         times = self.program.interval * np.arange(1, self.program.N + 1)
         self.lengths: Floats = np.asarray(CRUISE * algo.effort * largest_speed(vehicle) * times)
-        """(N,) distance in m of each node's target along the way past solids, from the way's start"""
+        """(N,) distance in m, along the way past solids, from the start of the way to each node's target"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:

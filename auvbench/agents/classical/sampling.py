@@ -77,9 +77,9 @@ def draw(
     low: Floats,  # (n_u,) N
     high: Floats,  # (n_u,) N
     table: Floats,  # (n_u, points) commands at equally spaced thrusts from the least to the largest
-    thrusts: Floats,  # (nodes, n, n_u) out, N
-    commands: Floats,  # (nodes, n, n_u) out
-    control: Floats,  # (n,) out: u' Sigma^-1 (v - u)
+    thrusts: Floats,  # (nodes, n, n_u) output: thrusts of the samples, N
+    commands: Floats,  # (nodes, n, n_u) output: commands of the samples
+    control: Floats,  # (n,) output: u' Sigma^-1 (v - u)
 ) -> None:
     """Write n samples of a plan: first the plan itself, then pairs of the plan plus noise and the plan minus the same noise.
 
@@ -129,11 +129,11 @@ def charge(
     velocity: Floats,  # (n, 6)
     force: Floats,  # (n, n_u) N, forces of the last command
     shares: Floats,  # (n_u,) 1/N, reciprocals of the thrusters' ranges
-    before: Floats,  # (n, n_u) in and out: force as a share of the range
+    before: Floats,  # (n, n_u) forces of the previous node as shares of their ranges; replaced by the forces of this node
     # Records are passed as floats, because numba compares the types of records again in each call.
     aims: Floats,  # record of type AIM
     weights: Floats,  # record of type PRICES
-    cost: Floats,  # (n,) in and out
+    cost: Floats,  # (n,) costs, increased in place
 ) -> None:
     """Add the cost of the states and forces at a node."""
     aim, prices = aims.view(AIM)[0], weights.view(PRICES)[0]

@@ -240,7 +240,7 @@ class Segment:
 
     first: Count
     last: Count
-    """index after the last row"""
+    """index of the first row after the segment"""
     bytes: Count
     sha256: str
 

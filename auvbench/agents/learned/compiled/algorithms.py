@@ -104,7 +104,7 @@ class Compiled:
     """Algorithm whose `train` overrides the method of SB3's class and calls `_update`.
 
     `_update(step, observation, action, following, reward, discount)` updates once with a batch and returns
-    its losses by name; `step` counts within a call of `train`.
+    the losses by name; `step` counts within a call of `train`.
     """
 
     counts_batches = True

@@ -24,13 +24,13 @@ RUNNING, BATCH, RENORM = 0, 1, 2
 or the batch's statistics, corrected towards the running statistics.
 """
 SMALL = 1e-3
-"""sb3-contrib's epsilon of the variance."""
+"""Constant that is added to a variance before its square root is taken, as in sb3-contrib."""
 R_MAX, D_MAX = 3.0, 5.0
-"""sb3-contrib's limits of the correction."""
+"""Limits of the correction's factor r and summand d, as in sb3-contrib."""
 STATISTICS = np.dtype(
     [
         ("centre", np.float32),  # subtracted mean
-        ("inverse", np.float32),  # reciprocal deviation
+        ("inverse", np.float32),  # reciprocal of the standard deviation
         ("average", np.float32),  # batch mean
         ("share", np.float32),  # derivative of the variance in `inverse` with respect to the batch variance
         ("pull", np.float32),  # derivative of the negative subtracted mean with respect to the batch variance

@@ -101,7 +101,7 @@ def _generate(rows: int, vectors: int, context: Any, builder: Any, signature: An
 
 
 def _columns(rows: int, vectors: int) -> Any:
-    """Return a compiled function that computes `vectors * WIDTH` columns of a product, or the remaining columns at its right edge."""
+    """Return a compiled function that computes `vectors * WIDTH` columns of a product, or the columns that remain at the right edge."""
     columns = vectors * WIDTH
     many, single = _tile(rows, vectors), _tile(1, vectors)
 
