@@ -124,7 +124,7 @@ def _analyse(
     rows: Mapping[str, frozenset[str]] | None,
     several: bool,
 ) -> Report:
-    """Return the report of one section; with `several` sections, this section may lack the baseline."""
+    """Return the report of one section; if it is one of several sections (`several`), it may lack the baseline."""
     grouped, more = agents(part.runs, options.protocol, condition)
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
     rank_by = _measure(part, options)
@@ -176,11 +176,10 @@ def _study(
 
 
 def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
-    """Return the score across tasks; None if the scores have no scale.
+    """Return the score across tasks; None for fewer than two tasks, or if the scores of a section have no scale.
 
-    A single task has no scale. A section whose agents have the sheets of several vehicles has no scale either,
-    because each sheet has its own PID. Of several sections with the same vehicle and task, only the largest is
-    used.
+    The scores have no scale if the section's agents have the sheets of several vehicles, because each sheet has
+    its own PID. Of several sections with the same vehicle and task, only the largest is used.
     """
     parts: dict[str, Report] = {}
     for report in reports:
@@ -221,7 +220,7 @@ def _by_condition(report: Report, options: Options) -> dict[str, Sequence[Agent]
 
 
 def _adding(report: Report, algorithm: str, protocol: str) -> str:
-    """Return a sentence with the commands that add an algorithm to a section."""
+    """Return a sentence with the commands that train and test an algorithm, so that its runs join a section."""
     run = report.runs[0]
     config = run.config
     words = [f"{key}={config.get(f'{key}.name')}" for key in ("task", "vehicle")]

@@ -38,7 +38,7 @@ FOLLOWING: dict[str, tuple[str, Callable[[Any, Any], Any], str]] = {
     "duration_s": ("steps", operator.truediv, "frequency_hz"),
     "command_norm_sum_N": ("steps", operator.mul, "command_norm_mean_N"),
 }
-"""columns that are not stored, each with its formula: first column, operation, second column"""
+"""formulas of the columns that are not stored: first stored column, operation, second stored column"""
 SCALE = {"t_ms": 1e-3, "x_mm": 1e-3, "y_mm": 1e-3, "z_mm": 1e-3}
 """columns of trajectories.parquet (whole milliseconds and millimetres), with the factor that converts each to s or m"""
 

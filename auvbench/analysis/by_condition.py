@@ -27,7 +27,7 @@ class Subject:
 
     @property
     def labels(self) -> list[str]:
-        """Return the agents' labels: first in the order of the first condition, then agents that only later conditions have."""
+        """Return all labels: agents of the first condition in its ranking order, then agents that only later conditions have."""
         return list(dict.fromkeys(row.label for ranking in self.rankings for row in ranking.rows))
 
 

@@ -44,9 +44,9 @@ KS = (1.0, 40.0, 100.0)
 LEARNED = 0.15
 """test success above which a run has learned; ten runs of only 3000 and 5000 steps reached 0.2 to 8.4 %"""
 SUCCESS_MARGIN = 0.05
-"""claim 3: smallest gain in the success rate that counts"""
+"""claim 3: smallest increase of the success rate from the smallest to the largest K that contradicts the claim"""
 GENERALISES = 0.8
-"""claim 5: success rate above which a training generalises; the claim holds if the lower limit of the best training is above it"""
+"""claim 5: success rate above which a training generalises; the claim holds if the best training's lower limit exceeds it"""
 WEAK = 0.5
 """claim 6: absolute rank correlation below which two measures count as uncorrelated"""
 FEWEST_AGENTS = 5
@@ -63,7 +63,7 @@ def averaged(
     *,
     less: bool = False,
 ) -> Part:
-    """Return the part of a claim that compares the success of the first and second agent of each pair.
+    """Return one part of a claim: the comparison of the first and second agent's success, over pairs of agents.
 
     The part holds if the difference between typical trainings (first - second), averaged over the pairs, is above
     the bound `above`. With `less`, the part holds if the difference is below this bound.
@@ -130,8 +130,8 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
     """Claim 1: for every K, fewer than half of the SAC trainings at 55 Hz converge within 1,000,000 steps.
 
     The claim holds if for each K the upper limit of the probability of convergence is below one half. It fails
-    if the lower limit is above one half for some K, or for the runs of all K together. The limits are exact
-    binomial limits; those for "fails" have Bonferroni's correction.
+    if the lower limit is above one half for some K, or for the runs of all K together. All limits are exact
+    binomial limits. The limits for "fails" have Bonferroni's correction.
     """
     alpha = 1 - e.confidence
     runs = [run for run in e.sac if run.frequency == thesis.HIGH_FREQUENCY]
@@ -193,8 +193,8 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
 def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
     """Return (K, -frequency, -steps to convergence) per run.
 
-    If `own`, a run must converge within its own time limit, else within the shortest time limit of all runs with
-    the same K. A K without a converged run is left out.
+    If `own` is true, each run must converge within its own time limit. If `own` is false, each run must converge
+    within the shortest time limit of all runs with the same K. A K without a converged run is left out.
     """
     points: list[Point] = []
     for k in sorted({run.k for run in runs}):
@@ -210,7 +210,7 @@ def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
 
 
 def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
-    """Claim 3: agents with the largest K do not succeed more often than with the smallest K at equal frequency.
+    """Claim 3: at equal frequency, agents with the largest K do not succeed more often than agents with the smallest K.
 
     The verdict is never "holds", because rewards of different K are not comparable: K scales the reward.
     """
@@ -223,8 +223,8 @@ def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
 
 
 def sac4_is_best(e: Evidence) -> list[Part]:
-    """Claim 4: SAC with K = 1 at 25 Hz is the best SAC agent (rank interval 1 to 1), and agents with the smallest
-    K succeed more often than with the largest K.
+    """Claim 4: SAC with K = 1 at 25 Hz is the best SAC agent (rank interval 1 to 1), and SAC agents with the smallest
+    K succeed more often than SAC agents with the largest K.
     """
     levels = e.levels(2)
     pairs, low, high = _extremes(e.of("sac"))
@@ -259,9 +259,9 @@ def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> 
 
 
 def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float, float]:
-    """Return pairs of agents (largest K, smallest K) with equal other settings, then the smallest and the largest K.
+    """Return pairs of agents (largest K, smallest K) that differ only in K, then the smallest and the largest K.
 
-    If K does not vary, there are no pairs, and both K are NaN.
+    If K does not vary, the list of pairs is empty, and both values of K are NaN.
     """
     ks = sorted({cell(agent)[0] for agent in agents if np.isfinite(cell(agent)[0])})
     if len(ks) < 2:
@@ -272,9 +272,9 @@ def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float
 def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
     """Claim 5: some SAC run that did not converge succeeds in more than 80 % of the test episodes.
 
-    The claim fails if no such run does, and if the upper limit of their share is below one half. Only runs of
-    at least 1,000,000 steps count, and only if a control (`Evidence.attainable`) converges within the run's
-    time limit.
+    The claim fails if no such run succeeds so often, and if the upper limit of the share of trainings that do is
+    below one half. A run is used only if it has at least 1,000,000 steps, and if some tested policy meets the
+    criterion of convergence within the run's time limit (`Evidence.attainable`).
     """
     tested = {
         run.id: (float(agent.success[i].mean()), agent.outcome.shape[1])
@@ -353,9 +353,9 @@ def _interaction(
     cells: Sequence[tuple[float, float]],
     levels: tuple[float, float],
 ) -> Part:
-    """Return the part that SAC's success changes more favourably than PPO's from the lowest to the highest frequency.
+    """Judge this part of claim 7: from the lowest to the highest frequency, SAC loses less success than PPO.
 
-    The number is (SAC high - SAC low) - (PPO high - PPO low), averaged over K. A K is left out if its agents are
+    The tested number is (SAC high - SAC low) - (PPO high - PPO low), averaged over K. A K is left out if its agents are
     not evidence (`informative`), or if SAC or PPO learned nothing at the low frequency: an agent without success
     cannot lose any.
     """
@@ -390,9 +390,9 @@ def _interaction(
 
 
 def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
-    """Return the part that PPO with K = 1 at 25 Hz succeeds in less than half of the test episodes.
+    """Judge this part of claim 7: PPO with K = 1 at 25 Hz succeeds in less than half of the test episodes.
 
-    Failure of trainings with fewer steps than in the original study is no evidence.
+    If trainings with fewer steps than in the original study fail, this is not evidence for the claim.
     """
     if agent is None or len(agent.outcome) < 2:
         return Part(OPEN, missing="several training seeds of PPO with K=1 at 25 Hz")

@@ -108,8 +108,7 @@ def of_evaluations(
     by: Measure | None = None,
     failed: Mapping[str, tuple[int, float]] = {},
 ) -> tuple[Condition, ...]:
-    """Return success rates and means under each condition, and their changes from the undisturbed condition if
-    the protocol has one.
+    """Return success rates and means under each condition, with changes from the undisturbed condition (if any).
 
     Args:
         tested: evaluations of each agent's seeds, by the agent's label; all with the same scenarios.

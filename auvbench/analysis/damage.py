@@ -32,7 +32,7 @@ def is_name(value: Any) -> bool:
 
 def finite(table: np.ndarray[Any, Any]) -> bool:
     """Return whether all values are finite numbers of a plausible size."""
-    # If any cell is a text, the whole array has the dtype object. Comparisons with NaN are False.
+    # The dtype is object if any cell is a text. NaN fails the check, because each comparison with NaN is False.
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 

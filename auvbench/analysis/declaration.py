@@ -189,7 +189,7 @@ def _carry(declared: Declared, used: Sequence[RunRecord]) -> int:
 
 
 def _when(declared: Declared, used: Sequence[RunRecord]) -> str:
-    """Return a sentence with the date of the declaration, or with the parts of the analysis that were declared."""
+    """Return a sentence on when the analysis was declared; if the declaration names no runs, also on what it declares."""
     under = _carry(declared, used)
     if under < len(used):
         after = f"{len(used) - under} of {counted(len(used), 'run')}"
@@ -227,8 +227,8 @@ def _later(declared: Declared, used: Sequence[RunRecord], agents: Sequence[Agent
 def _declared_at(declared: Declared, run: RunRecord) -> datetime | None:
     """Return when a run was declared; None if unknown.
 
-    Return the date of the declaration's stage that names the run. If the run's manifest has the digest of
-    another stage, return the date on which the run was created.
+    If a stage of the declaration names the run, and the run's manifest has the digest of this stage, return the
+    stage's date. Otherwise return the date on which the run was created.
     """
     stage = declared.stage_of(run.id)
     if stage is not None and run.manifest.get(KEY) == stage[1]:

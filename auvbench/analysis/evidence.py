@@ -28,7 +28,7 @@ HALF = 0.5
 PERMUTATIONS = 10_000
 
 Point = tuple[str, float, float]
-"""Stratum, level and value of a run; levels are compared only within a stratum"""
+"""Stratum, level and value of a run; a run is compared only with runs of the same stratum"""
 
 
 def limit_s(run: RunRecord) -> float:
@@ -88,7 +88,7 @@ class Learning:
         return bool(np.isfinite(self.converged_at(self.limit)))
 
     def converged_at(self, limit: float) -> float:
-        """Return the training's environment steps before its first good window; inf if the last window is not good."""
+        """Return the number of environment steps before the first good window; inf if the last window is not good."""
         good = good_windows(self.seconds, self.success, limit)
         if not good.size or not good[-1]:
             return np.inf
@@ -155,7 +155,11 @@ def trend(points: Sequence[Point], seed: int = 0) -> Trend | None:
 
 
 def _wins(values: FloatArray, low: NDArray[np.intp], high: NDArray[np.intp]) -> FloatArray:
-    """Return, for each of m rows of values, how often the run with the higher level wins its pair, (m,); a tie is half a win."""
+    """Return the number of pairs that the run with the higher level wins, for each of m rows of values (a tie is half a win).
+
+    Returns:
+        Array (m,).
+    """
     lower, higher = values[:, low], values[:, high]
     return np.asarray(((higher > lower).sum(axis=1) + (higher >= lower).sum(axis=1)) / 2)
 
@@ -195,10 +199,10 @@ class Evidence:
         return self.confidence, 1 - (1 - self.confidence) / parts
 
     def attainable(self, limit: float) -> bool:
-        """Return whether any control meets the criterion of convergence within a time limit in s.
+        """Return whether any tested policy of the report meets the criterion of convergence within a time limit in s.
 
-        The controls are all tested policies of the report, including controllers. If even these policies do not
-        meet the criterion, then a training that does not meet it may still have learned.
+        The tested policies include controllers. If no tested policy meets the criterion, then a training that does
+        not meet the criterion may still have learned.
         """
         for agent in self.agents:
             for seconds, success in zip(agent.metrics.get("duration_s", ()), agent.success > 0, strict=False):
@@ -208,9 +212,9 @@ class Evidence:
         return False
 
     def unattainable(self, runs: Sequence[Learning]) -> list[str]:
-        """Return a list with one text, which names the time limits within which no control converges.
+        """Return a list with one text, which names the time limits within which no tested policy converges.
 
-        The list is empty if, for the time limit of every run, some control converges.
+        The list is empty if each run's time limit is long enough for some tested policy (see `attainable`).
         """
         time_limits = sorted({run.limit for run in runs if not self.attainable(run.limit)})
         if not time_limits:

@@ -101,7 +101,10 @@ def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> l
 
 
 def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
-    """Give an effect of a single pair the pair's interval in the table, so that a page does not show two intervals."""
+    """Return an effect. If it has a single pair of agents, replace its difference and p-value by the ranking's for this pair.
+
+    A page would otherwise show two different intervals for the pair.
+    """
     if len(effect.pairs) == 1:
         first, second = (agent.label for agent in effect.pairs[0])
         for c in ranking.comparisons:
@@ -127,9 +130,9 @@ def _effect(effect: Effect, m: Measure, basis: str, needed: int) -> Finding:
 
 
 def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
-    """Return a finding on the agent with the largest variance between seeds.
+    """Return a finding on the agent with the largest variance between seeds; None if no agent qualifies.
 
-    Return None if no agent has more than half of its mean's variance from seeds.
+    An agent qualifies if the variance between seeds is more than half of the variance of the agent's mean.
     """
     several = [a for a in agents if len(a.outcome) > 1 and learns(a) and np.isfinite(m.values(a)).all()]
     if not several:
@@ -153,7 +156,7 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Effect of a factor: typical training at the first level minus that at the second level, averaged over matched cells."""
+    """Effect of a factor: typical value at the first level minus typical value at the second level, averaged over matched cells."""
 
     factor: str
     first: str
@@ -162,7 +165,7 @@ class Effect:
     difference: Estimate
     p_value: float
     agree: int
-    """Number of trainings at the first level that are on the effect's side of the second level's typical training"""
+    """Number of trainings at the first level that differ from the second level's typical training in the effect's direction"""
     trainings: int
     """number of trainings at the first level"""
     fewest: int
@@ -185,7 +188,7 @@ def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> li
 
 
 def _says(agent: Agent, factor: str) -> bool:
-    """Return whether the agent's configuration has the factor: PPO has no `algo.tau`; `task.time_limit: null` counts."""
+    """Return whether the agent's configuration has the factor: True for `task.time_limit: null`, False for `algo.tau` of PPO."""
     config = agent.runs[0].config
     return agent.key.get(factor) is not None or factor in config or f"{factor}.name" in config
 
@@ -193,7 +196,7 @@ def _says(agent: Agent, factor: str) -> bool:
 def mean_difference(
     pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
 ) -> tuple[Estimate, float]:
-    """Return the mean over pairs of the difference first - second of typical trainings, and its p-value.
+    """Return the difference of typical trainings (first - second), averaged over the pairs, and the p-value of this mean.
 
     The pairs are fixed (the cells of this grid); trainings and scenarios are random.
     """

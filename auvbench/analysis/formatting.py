@@ -29,7 +29,7 @@ def decimals(half_width: float) -> int:
 
 
 def fixed(value: float, places: int) -> str:
-    """Return `value` with some decimal places; negative places round tens and hundreds, and zero has no sign.
+    """Return `value` with `places` decimal places; negative `places` round to tens or hundreds. Zero has no sign.
 
     >>> fixed(1234.5, -1), fixed(2.005, 1), fixed(-0.01, 1)
     ('1230', '2.0', '0.0')
@@ -41,7 +41,7 @@ def fixed(value: float, places: int) -> str:
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """Return `value` with some significant digits, for a number without an interval.
+    """Return `value` with `digits` significant digits, for a number without an interval.
 
     >>> significant(3.14159), significant(12345.6), significant(0.0)
     ('3.142', '12350', '0')
@@ -142,7 +142,7 @@ def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
 
 
 def turned(estimate: Estimate) -> Estimate:
-    """Return the difference with reversed sign."""
+    """Return a difference, and the limits of its interval, with reversed sign."""
     return replace(estimate, value=-estimate.value, low=-estimate.high, high=-estimate.low)
 
 

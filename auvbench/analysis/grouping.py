@@ -36,7 +36,7 @@ GROUPING = ("algo.name", "reward.k", "step.frequency")
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
-"""prefixes of the run's configuration keys whose values also apply in a test"""
+"""prefixes of configuration keys: the run's values of these keys also apply in its test"""
 TASK = ", task "
 """text between the vehicle and the task in a section's subject"""
 SEVERAL = "several sheets"
@@ -213,8 +213,9 @@ def refined(
 ) -> dict[str, str]:
     """Return the keys of a finer grouping, by short name: `keys`, and the keys that vary within `groups`.
 
-    If the name of a configuration group varies (`disturbance.name`), the runs are split by this name first, under
-    the short name `disturbance`. Other keys of the group are added only if they vary after the split.
+    If the chosen option of a configuration group varies (`disturbance.name`), the runs are first split by this
+    option, under the short name `disturbance`. Other keys of the configuration group are added only if they vary
+    within a part of the split.
 
     Args:
         groups: runs grouped by `keys`.

@@ -97,7 +97,7 @@ def part(name: str, value: Any) -> str:
 
 
 def in_words(name: str, value: Any) -> bool:
-    """Return whether the text of `part` needs a comma before it, unlike K=1 or 25 Hz."""
+    """Return whether a label needs a comma before the text of `part`: for 'no time_limit', but not for K=1 or 25 Hz."""
     return value is None or name == VEHICLE or name in DRAWN
 
 
@@ -174,9 +174,11 @@ def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
 
     The result is one of two pairs:
 
-    * `unobserved`, and the blocks that some observation has but this observation lacks;
-    * `observed`, and the blocks that this observation has but some observation lacks. This pair is the result if
-      this list is not empty for any observation and, over all observations, these lists are not longer.
+    * `unobserved`, and the blocks that this observation lacks but another observation has;
+    * `observed`, and the blocks that this observation has but another observation lacks.
+
+    The result is the `observed` pair under two conditions. Every observation has a block that another observation
+    lacks, and the `observed` lists of all observations together are not longer than the `unobserved` lists.
 
     >>> observed("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     ('unobserved', 'velocity, gravity')
@@ -194,7 +196,7 @@ def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
 
 
 def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
-    """Return the usual values by key: at least 75 % of the learners have the value, but not all.
+    """Return the usual values by key: at least 75 % of the learners have the value, but not all learners.
 
     >>> ppo = [{"algo": "ppo", "task.history": n} for n in (1, 1, 1, 4)]
     >>> usual(ppo, [True] * 4), usual(ppo[1:], [True] * 3)
@@ -221,7 +223,7 @@ def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
 
 
 def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
-    """Return a label for some values: 'PPO K=1, trained at 25 Hz in gazebo with disturbance=severe'."""
+    """Return a label from the values of the keys `names`: 'PPO K=1, trained at 25 Hz in gazebo with disturbance=severe'."""
     fixed = [n for n in names if is_fixed(n, frequency_fixed)]
     own = _joined(key, [n for n in names if n not in fixed]) or "all runs"
     words = [f"{BY[n]} {part(n, key[n])}" for n in BY if n in fixed]
@@ -231,16 +233,16 @@ def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
 
 
 def _joined(key: Key, names: Sequence[str]) -> str:
-    """Return the texts of values: short values with spaces between them, then words, with commas: 'PPO K=1, no time_limit'."""
+    """Return the values as text: short values separated by spaces, then words after commas: 'PPO K=1, no time_limit'."""
     values = " ".join(part(n, key[n]) for n in names if not in_words(n, key[n]))
     words = [part(n, key[n]) for n in names if in_words(n, key[n])]
     return ", ".join(filter(None, [values, *words]))
 
 
 def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
-    """Return whether a key does not exist in the option that the agent uses of the key's configuration group.
+    """Return whether the key `name` belongs to a configuration group, but the agent's option of this group lacks the key.
 
-    An example is `simulator.hydrodynamics`, if no agent with the same simulator has a value of it.
+    An example is `simulator.hydrodynamics`, if no agent with the same simulator has a value of this key.
     """
     return any(
         name.startswith(f"{choice}.") and all(k[name] is None for k in keys if k[choice] == key[choice])

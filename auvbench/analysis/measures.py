@@ -50,7 +50,7 @@ class Measure:
     """Value of a failed episode as a multiple of the step or time limit; 0: the episode keeps its measured value"""
 
     def values(self, agent: Agent) -> FloatArray:
-        """Return the values (seeds, episodes) of an agent; NaN if it lacks the column."""
+        """Return the values (seeds, episodes) of an agent; NaN if the agent's episodes lack the column."""
         if self.rate:
             return np.asarray(
                 agent.outcome == OUTCOMES.index(self.name.removesuffix("_rate")), dtype=np.float64
@@ -123,8 +123,8 @@ RANKED_AS = {
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
-"""For each mean, the penalised measure that replaces it in a ranking. Quick failures would improve such a mean or be
-left out of it.
+"""For each mean, the penalised measure that replaces it in a ranking. Quick failures would improve a mean of steps or
+durations, and a mean time to the goal ignores failures.
 """
 
 

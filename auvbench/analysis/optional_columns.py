@@ -30,19 +30,19 @@ COLUMNS = (ACTION, TRAINING, OVER_BEST_KNOWN)
 
 
 def action_time(agent: Agent, protocol: str) -> Estimate | None:
-    """Return the mean over runs of the median processor time per action in ms; None if a run was not timed."""
+    """Return the median processor time per action in ms, averaged over runs; None if a run was not timed."""
     timed = _timed(agent, protocol)
     return _mean([timing["median_ms"] for timing in timed]) if all(timed) else None
 
 
 def training_time(agent: Agent) -> Estimate | None:
-    """Return the mean over runs of the processor time of a training in s; None for a controller, or if a time is unknown."""
+    """Return the processor time of a training in s, averaged over runs; None for a controller, or if a time is unknown."""
     times = [run.manifest.get("cpu_time_s") for run in agent.runs]
     return _mean([time for time in times if time]) if learns(agent) and all(times) else None
 
 
 def _timed(agent: Agent, protocol: str) -> list[Any]:
-    """Return the timing of actions in the test of each run, as in its summary; an entry is None if the timing failed."""
+    """Return the timing of actions from the summary of each run's test; an entry is None if the timing failed."""
     return [r.evaluations[protocol].summary["inference"] for r in agent.runs if protocol in r.evaluations]
 
 
@@ -93,20 +93,20 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
 
 
 def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
-    """Return the ranking with the best known time (`Limit`) and the ratio of each agent's time to it.
+    """Return the ranking with the best known time (`Limit`), and with each agent's time divided by the best known time.
 
-    If no best known time is available, the ranking has the reason (`no_limit`).
+    If no best known time is available, `Ranking.no_limit` gives the reason.
     """
     vehicles = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
     name = vehicles.pop()
     if vehicles or not files.is_name(name) or not files.is_name(ranking.protocol):
         return replace(ranking, no_limit="No limit: all runs must have the same vehicle.")
-    # The folder `bounds` next to the runs' experiments, where `auvbench bound` writes.
+    # `auvbench bound` writes to the folder `bounds` next to the runs' experiments.
     parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
     roots = [parent / files.FOLDER for parent in sorted(parents)[:4]]
     limits, unusable = files.find(ranking.protocol, name, ranking.fingerprint, roots)
     bounds = [] if limits is None else limits.condition(ranking.condition)
-    # Episodes must be numbered from 0 in the order of the columns.
+    # Bound i must belong to the scenario of column i, so the bounds of all episodes must be present and in order.
     if [bound.episode for bound in bounds] != list(range(len(agents[0].outcome[0]))):
         return replace(ranking, no_limit=_none(ranking, name, limits, unusable))
     steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in bounds]).T
@@ -134,7 +134,7 @@ def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
 
 
 def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
-    """Return the geometric mean over successes of the ratio of the time to the goal to the best known time.
+    """Return the time to the goal divided by the best known time, as a geometric mean over successful episodes.
 
     Args:
         agent: agent whose times are divided by the best known times.

@@ -35,7 +35,7 @@ class Tests:
 
     @property
     def resolved(self) -> BoolArray:
-        """Return whether each pair of agents (n, n) differs significantly after Holm's correction."""
+        """Return, for each pair of agents, whether they differ significantly after Holm's correction: (n, n)."""
         return np.asarray(self.adjusted < 1 - self.confidence)
 
     def verdict(self, i: int, j: int) -> str:

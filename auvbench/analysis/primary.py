@@ -82,7 +82,7 @@ def primary_analysis(
             comparisons.append(Against(agent.label, nothing, OPEN))
             continue
         trainings = typical.fewest((i, b))
-        # For two controllers, McNemar's test may be stricter than the interval: then extend the interval to 0.
+        # McNemar's test of two controllers may be stricter than the interval. If it is not significant, extend the interval to 0.
         if not trainings and not tests.p[i, b] < level:
             difference = replace(difference, low=min(difference.low, 0.0), high=max(difference.high, 0.0))
         reliable = reliability_of(agents, typical, i, b, margin, confidence)

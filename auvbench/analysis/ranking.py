@@ -156,7 +156,7 @@ def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Est
 
 def _oriented(typical: Typical) -> FloatArray:
     """Return typical values (n,), signed so that higher is better; an agent without a value is last."""
-    # Rounded, so that two agents with the same successes are exactly equal in spite of rounding errors of sums.
+    # Round the values: agents with equal successes then have exactly equal values in spite of rounding errors of sums.
     values = (typical.measure.sign * typical.value).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 

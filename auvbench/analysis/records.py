@@ -78,7 +78,7 @@ class Problem:
     message: str
 
     def __post_init__(self) -> None:
-        # Both texts may quote untrusted files, and are shown on terminals and pages.
+        # `where` and `message` may quote untrusted files, and terminals and pages show them.
         object.__setattr__(self, "where", short(self.where, 1000))
         object.__setattr__(self, "message", short(self.message, 1000))
 
@@ -243,7 +243,7 @@ class Against:
 
     @property
     def few(self) -> bool:
-        """Return whether the trainings are so few that a verdict assumes that they cluster around the typical one."""
+        """Return whether a verdict has to assume that trainings cluster around the typical training, because they are few."""
         return 0 < self.trainings < self.enough
 
     @property
@@ -292,8 +292,8 @@ class Condition:
     success_change: Mapping[str, Estimate] = field(default_factory=dict)
     """success under this condition minus success under the undisturbed condition, paired by seed and scenario"""
     par1_change: Mapping[str, Estimate] = field(default_factory=dict)
-    """PAR-1 steps (a failure counts as the limit) under this condition minus those steps under the undisturbed condition;
-    absent if the conditions have different frequencies or step limits
+    """PAR-1 steps (a failure counts as the limit) under this condition minus PAR-1 steps under the undisturbed condition;
+    absent if the two conditions have different frequencies or step limits
     """
     measured: Mapping[str, Estimate] = field(default_factory=dict)
     """means of the primary measure by label; empty if the measure is a rate or a penalised time"""
@@ -329,7 +329,7 @@ class Ranking:
     """exploratory comparisons of pairs of agents, corrected over all pairs"""
     problems: tuple[Problem, ...] = ()
     conditions: tuple[Condition, ...] = ()
-    """results under all conditions of the protocol, including the ranking's condition; empty if the protocol has only one"""
+    """results under all conditions of the protocol, including the ranking's condition; empty if the protocol has one condition"""
     columns: tuple[str, ...] = ()
     """optional columns that the user requested: names in `optional_columns.COLUMNS`, or measures"""
     machines: tuple[str, ...] = ()

@@ -39,7 +39,7 @@ class OneTask:
     """title in the heading of a column: 'docking'"""
     measure: Measure
     conditions: Mapping[str, Sequence[Agent]]
-    """agents by condition of the protocol, in its order"""
+    """agents by condition, in the protocol's order of conditions"""
     add: Mapping[str, str]
     """commands that add runs of PID and random, by algorithm"""
 
@@ -117,7 +117,7 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
 
 
 def _missing(task: OneTask) -> list[str]:
-    """Return a line for PID, and one for random, if the task has no agent or several agents of this algorithm."""
+    """Return a line for PID unless the task has exactly one PID agent, and likewise a line for random."""
     agents = next(iter(task.conditions.values()))
     lines = []
     for name in (ONE, ZERO):

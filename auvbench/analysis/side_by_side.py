@@ -137,7 +137,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
             f"{second.fingerprint}): evaluate both with the same protocol"
         )
     task = TASKS.get(tasks[0], TASKS[DEFAULT_TASK])
-    # Leave out means that quick failures improve: `RANKED_AS` has a penalised mean for each of them.
+    # Quick failures improve the means in `RANKED_AS`. Leave out these means, and compare their penalised measures instead.
     by_name = {
         m.name: m
         for m in all_measures(pair)

@@ -55,7 +55,7 @@ Test = tuple[dict[str, Any], pd.DataFrame]
 
 
 class RunSource(ABC):
-    """Files of one run. Every method raises `Damage` if a file cannot be used, was changed, or disagrees with another."""
+    """Files of one run. Every method raises `Damage` if a file cannot be used, was changed, or disagrees with another file."""
 
     directory: Path
     """folder of the run, which messages show; for a run of a published study, the folder does not exist"""
@@ -98,7 +98,7 @@ class RunSource(ABC):
 
     @abstractmethod
     def has_training(self) -> bool:
-        """Return whether there are training episodes."""
+        """Return whether the run has stored training episodes."""
 
     @abstractmethod
     def training(self, manifest: Mapping[str, Any]) -> pd.DataFrame:

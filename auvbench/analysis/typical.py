@@ -39,11 +39,11 @@ class Typical:
         self._controllers = cache(self._of_controllers)
 
     def gains(self, i: int, baseline: float) -> FloatArray:
-        """Return how much better each training (trainings,) of agent i is than the value `baseline`."""
+        """Return by how much each training of agent i is better than the value `baseline`, as an array (trainings,)."""
         return np.asarray(self.measure.sign * (self._samples[i].means - baseline))
 
     def difference(self, i: int, j: int, level: float) -> Estimate:
-        """Return the value of agent i minus that of agent j, with the interval at confidence 1 - `level`.
+        """Return the value of agent i minus the value of agent j, with the interval at confidence 1 - `level`.
 
         The limits are NaN if no verdict is possible.
         """
@@ -81,7 +81,7 @@ class Typical:
         return float(contrast.error), contrast.samples[0].middle.shape[-1]
 
     def fewest(self, places: Sequence[int]) -> int:
-        """Return the smallest number of trainings among those agents at the indices `places` that have several; 0 if none has."""
+        """Return the smallest number of trainings among the agents `places` (indices) with several trainings; 0 without such agents."""
         return min((int(n) for n in self.trainings[list(places)] if n > 1), default=0)
 
     def _sum(self, weights: dict[int, float]) -> float:
