@@ -29,7 +29,7 @@ class Best:
     success: float
     """success rate in the test"""
     problem: str = ""
-    """reason why the policy has no file; '' if it has one"""
+    """reason why the policy has no file; '' if the policy has a file"""
 
 
 def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
@@ -100,7 +100,7 @@ def _is_network(run: RunRecord) -> bool:
 
 
 def _file(folder: Path, run: RunRecord, source: RunRecord | None, export: bool) -> str:
-    """Export a run's policy if it has no file yet; return why the policy still has no file, or '' if it has one."""
+    """Export a run's policy unless its file exists; return the reason if the policy still has no file, otherwise ''."""
     from auvbench.evaluation import exporting
 
     if (folder / f"{run.id}.onnx").exists():

@@ -39,7 +39,7 @@ def write(
         command: command line, for the page.
         out: folder of the report.
         several: whether the report has several sections.
-        subjects: comparisons by condition; empty for one of several sections.
+        subjects: comparisons by condition; empty if the report has several sections.
 
     Returns:
         Report, and the paths of the written files. The report's problems include damage found while drawing figures.

@@ -57,7 +57,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def parameters_table(fit: Fit) -> Table:
-    """Return a table of the parameters before and after the fit, with intervals; its notes say why a parameter stays."""
+    """Return a table of the parameters before and after the fit; notes say why a parameter keeps the sheet's value."""
     lines = []
     for estimate in fit.estimates:
         parameter = estimate.parameter
@@ -297,7 +297,7 @@ def _mark(value: float, column: np.ndarray) -> str:
 
 
 def summary_table(result: Validation) -> Table:
-    """Return one row for each predictor: its error relative to holding the initial state, and the coverage of its bands."""
+    """Return a table of the predictors: error relative to the error of holding the initial state, and coverage of the bands."""
     lines = []
     for prediction in sorted(result.predictions, key=result.skill):
         coverage, skill = prediction.coverage(), result.skill(prediction)

@@ -133,7 +133,7 @@ LONGEST = 2000
 
 
 def _trained_by(runs: Sequence[RunRecord]) -> str:
-    """Return the commands that trained the runs as Markdown, first the commands of the most runs."""
+    """Return the commands that trained the runs as Markdown, sorted by the number of runs, the largest number first."""
     commands = Counter(str(run.manifest["command"]) for run in runs if run.manifest.get("command"))
     if not commands:
         return "The commands of the trainings are not recorded."

@@ -29,7 +29,7 @@ from auvbench.runs.atomic_io import check_writable
 RATE = 25  # pictures per second
 LONGEST = 150  # largest number of pictures; a longer episode is played faster
 HOLD = 25
-"""number of pictures for which the last picture stays in a film of several runs"""
+"""additional time for which a film of several runs shows its last picture, in pictures"""
 DPI = 80
 SIZE = (10.4, 4.4)  # inches: 832 x 352 pixels
 GREY: Any = {"color": "#9a9a9a", "linestyle": "--", "linewidth": 1.0}
@@ -58,7 +58,7 @@ def summary(episode: Replay) -> str:
 
 
 def _accuracy(r: Record) -> str:
-    """Return a text on the vehicle's accuracy: the first metric in a fixed list for which the record has a value."""
+    """Return a text on the vehicle's accuracy: the first metric of a fixed list that has a value in the record."""
     names = (
         "formation_error_rms_m",
         "deviation_mean_m",

@@ -160,7 +160,7 @@ def draw(outcome: Outcome, out: Path) -> None:
 
 
 def in_units(outcome: Outcome) -> tuple[Study, Measure]:
-    """Return one measure, and an Optuna study of the trials with their values of this measure, in the measure's unit.
+    """Return an Optuna study of the trials with values of one measure, in the measure's unit, and the measure.
 
     The measure is the first objective if it distinguishes the trials, otherwise the second objective. The first
     objective does not distinguish the trials if more than half of the trials with the best trial's budget have the

@@ -80,7 +80,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     ax.set_yticks(places, labels)
     ax.set_ylim(heights.sum() - 0.4, -0.6)
     ax.set_xlim(low, high)
-    if logarithmic:  # remove ticks near zero, whose labels would overlap
+    if logarithmic:  # remove the ticks near zero, because their labels would overlap
         ax.set_xticks([tick for tick in ax.get_xticks() if tick == 0 or abs(tick) >= 2 * margin])
         ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)

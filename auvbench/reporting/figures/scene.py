@@ -46,7 +46,7 @@ class Scene:
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
 
     def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
-        """Return the k best-ranked agents (of `among` if given); if the baseline is not one of the k, it replaces the last of them."""
+        """Return the k best-ranked agents (of `among` if given). The baseline replaces the last of these agents if it is not included."""
         agents = self.agents if among is None else tuple(among)
         chosen = agents[:k]
         primary = self.ranking.primary
@@ -79,7 +79,7 @@ class Scene:
         return self._training[run.id]
 
     def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
-        """Return an agent's results by condition; seeds with other scenarios than the first seed are left out."""
+        """Return an agent's results by condition, without seeds whose test scenarios differ from the first seed's."""
         evaluations = [evaluation for run in agent.runs if (evaluation := self._evaluation(run, protocol))]
         comparable = [
             evaluation for evaluation in evaluations if evaluation.fingerprint == evaluations[0].fingerprint
@@ -103,7 +103,7 @@ class Scene:
 
 
 def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
-    """Return the agents of the ranking, in its order, with their looks."""
+    """Return the scene of a ranking: the agents in the ranking's order, with their looks."""
     ordered = ranking.ordered(agents)
     return Scene(tuple(ordered), ranking, colour_of(ordered))
 
@@ -116,7 +116,7 @@ def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
 
 
 def wants_symlog(values: Sequence[FloatArray]) -> bool:
-    """Return whether the magnitudes of the agents' returns differ by more than a factor of ten (90th percentiles)."""
+    """Return whether the 90th percentiles of the agents' absolute returns differ by more than a factor of ten."""
     sizes = [float(np.nanpercentile(np.abs(v), 90)) for v in values if v.size and np.isfinite(v).any()]
     return len(sizes) > 1 and max(sizes) > 10 * max(min(sizes), 1.0)
 
@@ -125,7 +125,7 @@ ROBUST = 4
 """smallest number of seeds for which the interquartile mean differs from the mean"""
 
 Curve = tuple[FloatArray, FloatArray]
-"""x values (n,) of a curve, and y values (seeds, n) of each seed; NaN if a seed has no value"""
+"""x values (n,) of a curve, and y values (seeds, n); a y value is NaN if the seed has no value at this x"""
 
 
 def middle(y: FloatArray) -> FloatArray:

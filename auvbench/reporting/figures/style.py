@@ -64,7 +64,7 @@ def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
     """Write `path`.png and `path`.svg atomically, and return the two paths; `path` may contain dots: current=0.5."""
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # compute the layout once for the two formats
-    # savefig draws everything twice if the figure has a layout engine, even the engine "none"
+    # Remove the layout engine: savefig draws everything twice if the figure has one, even the engine "none".
     figure.set_layout_engine(None)
     png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
     pictures = {kind: drawn(figure, kind) for kind in METADATA}  # draw both pictures before writing a file

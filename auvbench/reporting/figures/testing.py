@@ -93,7 +93,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
         lines = curves(scene, protocol)
         used += [protocol] if lines else []
         names = list(dict.fromkeys(name for curve in lines.values() for name in curve))
-        # If all agents have the same vehicle, its condition equals the undisturbed condition, so leave it out.
+        # If all agents have the same vehicle, the condition with this vehicle equals the undisturbed condition: leave it out.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in lines}
         duplicates = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
         new = [name for name in names if name not in duplicates and name not in conditions]

@@ -128,8 +128,8 @@ def _columns(n: int) -> int:
 def binned(scene: Scene, agent: Agent, column: str) -> Curve:
     """Return means of a column of the training records over spans of environment steps.
 
-    A mean covers the episodes that end in the span; it is NaN if no episode ends there. The column `success` is 100
-    for an episode that reached the goal, else 0.
+    A mean covers the episodes that end in a span, and is NaN if no episode ends in the span. The column `success` is
+    100 for an episode that reached the goal, else 0.
 
     A span is at least as long as the longest episode times the number of environments, unless this leaves fewer
     than `FEWEST_SPANS` spans. In a shorter span, all long episodes or none might end, because environments that

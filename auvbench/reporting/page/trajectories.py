@@ -100,12 +100,13 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
     * `points`: base64 of int16 (n, 3) counts of `unit` metres; point i is at min(i dt, end) seconds after the start;
     * `reference`: n points of the reference in the same form, if the reference moves;
     * `others`: for a team, n points of each other vehicle in the same form;
-    * `signals`: base64 of int16 (n,) counts by the signal's name; `units` has the size of a signal's count. The signals
-      are `speed` in m/s and, if stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
+    * `signals`: base64 of int16 (n,) counts by the signal's name; `units` has the size of one count by the same name.
+      The signals are `speed` in m/s and, if stored, `yaw` in degrees and `command`, the norm of the actuators' forces
+      in N.
     """
     worlds = _worlds(tracks)
     budget -= sum(len(packed["outlines"]) for packed in worlds.values())
-    # The three signals of a track take as much space as one line.
+    # Count the three signals of a track as one more line, because they take as much space as the three coordinates.
     count = sum(1 + len(_lines(track.path)) for track in tracks)
     # A point takes 6 bytes, and base64 has 4 characters for 3 bytes: 8 characters per point.
     points = max(24, min(POINTS, budget // max(1, count) // 8))
@@ -172,7 +173,7 @@ def _lines(path: StoredPath) -> list[NDArray[np.float64]]:
 
 
 def _pack_signals(path: StoredPath, indices: NDArray[np.int64], dt: float) -> dict[str, dict[str, Any]]:
-    """Return the packed signals of a path at the steps `indices`, which are `dt` s apart."""
+    """Return the packed signals of a path at the steps `indices`; one step takes `dt` s."""
     signals: dict[str, NDArray[np.float64]] = {}
     if len(path.position) > 1 and dt > 0.0:
         signals["speed"] = np.linalg.norm(np.gradient(path.position, dt, axis=0), axis=1)[indices]

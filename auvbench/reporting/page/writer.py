@@ -78,7 +78,7 @@ def write(
         title=title_of(runs) + (f", {report.section.title}" if several else ""),
         headline=headline(ranking),
         above="../index.html" if several else "",
-        # no colours of agents, because colours in the main table mean verdicts
+        # The main table gets no colours of agents ({}), because its colours mean verdicts.
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),
         conditions=[linked(table) for table in conditions_tables(ranking)],
         by_condition=by_condition,

@@ -226,7 +226,7 @@ def not_behind(ranking: Ranking) -> list[_Column]:
 
 
 def not_behind_title(baseline: str) -> str:
-    """Return the heading of the column of trainings that are not behind the baseline, without the baseline's label if long."""
+    """Return the heading of the column of trainings not behind the baseline; a long label of the baseline is left out."""
     return f"not behind {baseline}" if len(baseline) <= LONGEST else "not behind"
 
 
@@ -371,7 +371,7 @@ def failed_trainings(ranking: Ranking) -> list[str]:
 
 
 def cautions(ranking: Ranking) -> list[str]:
-    """Return cautions on intervals that are known to be too narrow, times of different machines, and misleading means.
+    """Return cautions on intervals that are too narrow, times measured on different machines, and misleading means.
 
     docs/statistics.md has the measured error rates of the intervals.
     """
