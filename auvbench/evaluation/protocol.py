@@ -158,7 +158,7 @@ def _with_disturbance(
 def _composed(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> DictConfig:
-    """Apply the overrides of a protocol, then `overrides`, to a run's configuration; do not check the types of its values."""
+    """Apply the overrides of a protocol, then `overrides`, to a run's configuration, without checking the types of values."""
     usual = {"world": asdict(open_water()), "navigation": asdict(truth()), "sensors": {"name": NONE}}
     node = OmegaConf.create({**usual, "filter": asdict(unfiltered()), **config})
     for override in [*protocol.overrides, *overrides]:
@@ -175,7 +175,7 @@ def _composed(
 def _resolve(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> schema.TrainConfig:
-    """Apply the overrides of a protocol, then `overrides`, to a run's configuration, and check its types."""
+    """Apply the overrides of a protocol, then `overrides`, to a run's configuration, and check the types of values."""
     node = _composed(protocol, overrides, config, where)
     try:
         return typed(node)
@@ -262,7 +262,7 @@ def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondit
 
 
 def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) -> list[ResolvedCondition]:
-    """Return the conditions with the clocks of their tests.
+    """Return the conditions; in a condition of a served simulator, replace the clock by the clock of its test.
 
     `clocks` maps the name of a condition to the clock by which a server counted the condition's steps.
     """
@@ -287,7 +287,7 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     config = condition.config
     # The fingerprint contains the time limit in seconds only if it is set, so that older fingerprints stay valid.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
-    # The same applies to the largest tilt, and to disturbances that were added later.
+    # For the same reason, leave out an unset largest tilt, and inactive disturbances that were added later.
     factors = config.disturbance.factors()
     calm = [name for name, factor in factors if DISTURBANCES[name].added and not factor.active]
     level = ("tilt",) if getattr(config.task, "tilt", None) is None else ()
@@ -339,7 +339,7 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         drawn, episodes = embedded(condition.config), np.arange(protocol.episodes)
         batch = batch_of(protocol.scenarios, drawn, episodes, protocol.seed)
         batch.reset()
-        # Rounded to 1e-9 (a nanometre), because the last bit may differ between machines.
+        # Round the values to 1e-9 (a nanometre), because their last bits may differ between machines.
         scenarios = np.round(batch.task.scenario(), 9) + 0.0
         _draws[key] = hashlib.sha256(key.encode() + scenarios.tobytes()).hexdigest()
     return _draws[key]

@@ -41,7 +41,7 @@ FREQUENCY = 10.0
 """step frequency in Hz if the protocol does not fix a frequency"""
 
 PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
-"""Start position of the vehicles in each episode, as a share of the way to the waypoint; from 0.99 of it, they arrive"""
+"""Start positions of the vehicles in each episode, as a share of the way to the waypoint; from 0.99, the vehicles arrive"""
 
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
 """initial velocity in m/s and rad/s, so that damping and Coriolis forces act from the first step"""

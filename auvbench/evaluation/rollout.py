@@ -201,7 +201,7 @@ def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, see
 
 
 def rows_of(episodes: Integers, team: int) -> Integers:
-    """Return the numbers (n * team,) of all vehicles in episodes (n,); in a team of one, the number of the episode."""
+    """Return the numbers (n * team,) of all vehicles in episodes (n,); a team of one vehicle has the episode's number."""
     return np.add.outer(team * np.asarray(episodes), np.arange(team)).ravel()
 
 
@@ -225,7 +225,7 @@ def _one_batch(
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
     task, simulator, team = environments.task, environments.simulator, environments.team
-    # Maps the row of an episode's first vehicle to the number of the episode.
+    # `episode_of` maps the row of an episode's first vehicle to the number of the episode.
     episode_of = dict(zip(range(0, environments.n, team), followed, strict=False))
     for i, episode in episode_of.items():
         paths[episode] = Trajectory(waypoint=task.goal(i), dock_yaw=task.dock_yaw(i))

@@ -226,7 +226,7 @@ def _condition(entry: Entry, path: Path, digests: dict[str, str]) -> Condition:
 
 
 def _sheet(file: Path, digests: dict[str, str]) -> dict[str, Any]:
-    """Return the content of a sheet with its parents, and add its digest to `digests`."""
+    """Return the content of a sheet merged with its parent sheets, and add the digest of the sheet's file to `digests`."""
     if file.suffix not in (".yaml", ".yml"):
         raise ValueError(f"vehicle must be a YAML file next to the protocol, got {short(file.name, 60)}")
     try:

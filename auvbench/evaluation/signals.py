@@ -60,7 +60,7 @@ class Recorder:
         self._batch: Batch | None = None
 
     def __call__(self, environments: Batch) -> None:
-        """Record the current state as a row, and the command of the step that has just ended; the first call is the start."""
+        """Record the state as a row, and the command of the step that has just ended; the first call records only the start."""
         self._batch, started = environments, bool(self._rows)
         simulator, task = environments.simulator, environments.task
         pose, power = simulator.pose[0], simulator.power

@@ -113,7 +113,7 @@ def compute(
     """
     conditions = resolve_conditions(protocol, config)
     good, left_out = eligible(conditions)
-    for condition in good:  # raises errors before anything is written
+    for condition in good:  # if an equation is missing, raise the error before writing any file
         symbolic(sheet.load(condition.config.vehicle))
     parts = fingerprint_parts(protocol, conditions)
     vehicle = str(config["vehicle"]["name"])
@@ -124,7 +124,7 @@ def compute(
     with lock.acquire(place):
         bounds = []
         for number, condition in enumerate(good):
-            # The names of the files differ if the scenarios differ, so searches of other scenarios are not read.
+            # The file names contain a digest of the scenarios, so finished searches for other scenarios are not read.
             stem = f"{digest_of([VERSION, parts], 16)}-{number}"
             bounds += _bounds(condition, protocol, place, stem, pool, tell)
         about = Summary(protocol.name, vehicle, fingerprint(protocol, conditions), parts, left_out)

@@ -138,7 +138,7 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
 
 
 def _undominated(rows: Floats) -> Floats:
-    """Return the distinct rows that no other row equals or exceeds in every column."""
+    """Return the rows without duplicates, and without each row that another row equals or exceeds in every column."""
     best: list[Floats] = []
     for row in np.unique(np.round(rows, 12), axis=0)[::-1]:
         if not any(np.all(other >= row) for other in best):

@@ -42,8 +42,8 @@ ATTEMPTS = 5
 SPEED = 1.0
 """Speed of the straight line from which a search may start, m/s; only the order of magnitude matters"""
 LEAST_GAIN = 0.7
-"""If a plan ends inside the goal, smallest distance to the goal's edge for which a plan with one step less is tried, as a
-share of the distance travelled in the last step
+"""If a plan ends inside the goal, a shorter plan is tried only if the distance from the plan's end to the goal's edge is at
+least this share of the distance per step
 """
 HOLD = 2
 """number of steps for which a plan holds a thrust"""
@@ -211,7 +211,7 @@ class Programs:
             rate = model.derivative(0.5 * (X[:, k] + X[:, k + 1]), thrust, still)
             gaps.append(X[:, k + 1] - X[:, k] - (T / n if free else lengths[k]) * rate)
         away = ca.sumsqr(X[:3, n] - waypoint)
-        # A tiny cost, which only matters between plans of equal duration or distance.
+        # This cost is tiny, so that it only decides between plans of equal duration or equal distance to the goal.
         effort = 1e-3 * ca.sumsqr(U) / n
         states = ca.vertcat(ca.vec(X), ca.vec(U))
         if free:
@@ -263,7 +263,7 @@ class Search:
         """Return the quickest solution of a search that starts from actions of controllers, or from a straight line.
 
         The straight line is used if the search from the controllers finds no solution quicker than the controllers.
-        If the search from the straight line finds none either, the result is the solution of the quickest controller.
+        If the search from the straight line finds no quicker solution either, the quickest controller's solution is returned.
 
         Args:
             scenario: scenario of the search.

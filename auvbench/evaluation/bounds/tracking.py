@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 WEIGHTS = (1.0,) * 3 + (4.0,) * 4 + (0.5,) * 6
 """weights of errors in position (m), quaternion and velocity (m/s, rad/s)"""
 EFFORT = 0.05
-"""weight of the difference between thrust and planned thrust, which is given as a share of half the thrust's range"""
+"""weight of the thrust's deviation from the planned thrust; the deviation is divided by half the thrust's range"""
 STEP = 0.01
 """largest integration step of the equations of motion in the linearisation, s"""
 
