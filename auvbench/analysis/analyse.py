@@ -31,7 +31,7 @@ from auvbench.registry import TASKS
 
 
 def analyse(paths: Sequence[Path], options: Options) -> list[Report]:
-    """Return the report of each section of the runs under some paths.
+    """Analyse the runs under some paths, and return one report for each section of runs.
 
     If a section cannot be reported, the first report lists the reason.
 

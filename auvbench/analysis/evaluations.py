@@ -34,7 +34,7 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
 
 
 def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
-    """Check that an evaluation belongs to this run and its present model, and to the protocol of its folder.
+    """Check that an evaluation belongs to this run, to the run's present model, and to the protocol of the evaluation's folder.
 
     Raises:
         Damage: the evaluation belongs to another run, model or protocol.

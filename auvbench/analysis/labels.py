@@ -1,4 +1,4 @@
-"""Name agents as briefly as the grouping allows: 'PPO K=1', or 'PPO' if K is the same for all."""
+"""Name agents as briefly as the grouping allows: 'PPO K=1', or 'PPO' if K is the same for all agents."""
 
 from __future__ import annotations
 

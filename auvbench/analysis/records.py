@@ -301,7 +301,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Best known time to the goal and its proven lower bound: a reference for the agents, without a rank."""
+    """Best known time to the goal, and the proven lower bound of any time to the goal: references without a rank."""
 
     seconds: float
     """Mean of the best known time over the scenarios, s"""

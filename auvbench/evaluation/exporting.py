@@ -46,9 +46,9 @@ larger than 1, because each layer rounds again
 EPISODES = 64
 CORNERS = 256
 STEPS = 100
-"""Number of first steps of each test episode whose observations the comparison uses"""
+"""Number of first steps of each test episode; the comparison uses the observations of these steps"""
 CHECK_STEPS = 32
-"""Number of first steps of each validation episode whose observations `check_policy` uses"""
+"""Number of first steps of each validation episode; `check_policy` uses the observations of these steps"""
 TESTED = (
     "name",
     "frequency_hz",

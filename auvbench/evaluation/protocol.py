@@ -32,7 +32,7 @@ OBSERVED = ("position_frame", "observation", "block_packages", "history", "previ
 KEPT = (*OBSERVED, "vehicles")
 """task keys that a test takes from the run: the agent's keys, and the size of a team, on which the observation depends"""
 SENSORS = "task.range."
-"""prefix of the keys of range sensors. A test takes them from the run, but a protocol may change them, to let a sensor fail."""
+"""prefix of the keys of range sensors. A test takes these keys from the run, but a protocol may change them so that a sensor fails"""
 WITHIN = {"noise", "disturbance"}
 """groups that a condition may change without resolving the other groups again"""
 

@@ -56,7 +56,7 @@ class Energy:
         self.righting = float(np.linalg.norm(lever) - lever[2])
         self.pace = np.array([np.inf] * len(PRICES))
         limits = [_reached(*pair) for pair in zip(vehicle.units, vehicle.force_limits, strict=True)]
-        passive = vehicle.plugin != GZ_SIM_8_11  # The Coriolis term of this plug-in does work.
+        passive = vehicle.plugin != GZ_SIM_8_11  # No bound for this plug-in: its Coriolis term does work.
         if passive and len(limits) <= MOST_THRUSTERS and np.isfinite(limits).all():
             corners = np.array(list(itertools.product(*limits)))
             wrenches = corners @ vehicle.allocation.T
@@ -78,7 +78,7 @@ class Energy:
 
 
 def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
-    """Return the range of thrust in N, including the overshoot of the lag; infinite if the overshoot is unknown.
+    """Return the range of thrust in N, including the overshoot of the actuator's lag; infinite if the overshoot is unknown.
 
     Let g be the impulse response, P = int max(g, 0) dt its positive part and N = int max(-g, 0) dt = P - 1 its
     negative part. An input in [l, h], which contains 0, then gives an output in [P l - N h, P h - N l].
@@ -148,7 +148,7 @@ def _undominated(rows: Floats) -> Floats:
 
 
 def _gain(force: Floats, linear: Floats, quadratic: Floats, a: float) -> tuple[Floats, Floats]:
-    """Maximize force x - a (linear x^2 + quadratic x^3) over x >= 0 for each axis; return the maximum and the maximizer x."""
+    """Maximize force * x - a * (linear * x^2 + quadratic * x^3) over x >= 0 for each axis; return the maximum and its x."""
     A = force / a
     root = 2.0 * linear + np.sqrt(4.0 * linear**2 + 12.0 * quadratic * A)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -40,7 +40,7 @@ Floats = NDArray[np.float64]
 ATTEMPTS = 5
 """largest number of step counts to try for one plan"""
 SPEED = 1.0
-"""Speed of the straight line from which a search may start, m/s; only the order of magnitude matters"""
+"""Speed along the straight line from which a search may start, m/s; only the order of magnitude matters"""
 LEAST_GAIN = 0.7
 """If a plan ends inside the goal, a shorter plan is tried only if the distance from the plan's end to the goal's edge is at
 least this share of the distance per step
@@ -323,7 +323,7 @@ class Search:
         return Solution(commands[: outcome.steps], start) if outcome.arrived else None, outcome
 
     def _straight(self, waypoint: Floats) -> Plan:
-        """Return a straight line to the edge of the goal around a waypoint (3,), without turning or thrust."""
+        """Return a plan along the straight line to the edge of the goal around a waypoint (3,), without turning or thrust."""
         programs = self.programs
         line = waypoint - programs.start[:3]
         distance = float(np.linalg.norm(line))
