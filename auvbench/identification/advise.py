@@ -18,7 +18,7 @@ from auvbench.vehicles.inspect import AXES
 FloatArray = NDArray[np.float64]
 
 SECONDS = 30.0
-"""Duration of a candidate in s; the recommended manoeuvre is twice as long."""
+"""Duration in s of a candidate manoeuvre; the recommended manoeuvre is twice as long."""
 AMPLITUDES = (0.15, 0.3)
 """Amplitudes of candidates, as fractions of the largest force along the axis."""
 

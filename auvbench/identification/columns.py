@@ -22,4 +22,4 @@ DESCRIBED = (
     (("ax_mps2", "ay_mps2", "az_mps2"), "specific force, used only for checks"),
     (("voltage_V",), "supply of the thrusters"),
 )
-"""Groups of columns, and their meaning."""
+"""Groups of columns of a CSV log, each with its meaning."""

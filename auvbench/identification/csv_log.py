@@ -35,10 +35,10 @@ COLUMNS: Mapping[str, tuple[str, float]] = {
     **{f"{name}_mps2": (name, 1.0) for name in ("ax", "ay", "az")},
     "voltage_V": ("voltage", 1.0),
 }  # fmt: skip
-"""Columns of measurements: quantity and factor to SI units."""
+"""Measured quantity of each column, and the factor that converts the column's values to SI units."""
 WRENCH = ("Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 ENDINGS = {"_us": "pwm", "_cmd": "command", "_N": "force"}
-"""Kind of input by the ending of an actuator's column."""
+"""Kind of input for each ending of an actuator column's name."""
 
 
 def read(path: Path, frame: str = "enu") -> Log:
@@ -137,14 +137,14 @@ def _numbers(table: pd.DataFrame, column: str, name: str) -> FloatArray:
 
 
 def _ending(column: str) -> str:
-    """Return the ending of an actuator's column; '' for other columns."""
+    """Return the ending of an actuator column's name, such as `_us`; '' for other columns."""
     if column in TIME or column in COLUMNS or column in WRENCH:
         return ""
     return next((ending for ending in ENDINGS if column.endswith(ending) and len(column) > len(ending)), "")
 
 
 def _inputs(table: pd.DataFrame, name: str) -> tuple[str, tuple[str, ...], FloatArray]:
-    """Return the kind of the inputs, the names of the actuators and their values (T, n_u)."""
+    """Return the kind of the inputs, the names of the actuators (or wrench components), and the inputs (T, n_u)."""
     columns = [str(column) for column in table.columns]
     wrench = [column for column in WRENCH if column in columns]
     groups = {
@@ -190,7 +190,7 @@ def _three(values: Mapping[str, FloatArray], names: tuple[str, ...], name: str) 
 
 
 def _measured(values: Mapping[str, FloatArray], rows: int, name: str) -> FloatArray:
-    """Return the measurements (T, 12) in the file's axes, z up."""
+    """Return the measurements (T, 12) in the file's axes; a z computed from a depth always points up."""
     measured = np.full((rows, len(CHANNELS)), np.nan)
     for index, channel in enumerate(CHANNELS):
         if channel in values:

@@ -1,4 +1,4 @@
-"""Fit numbers of a sheet to logs by robust least squares with priors, and estimate their joint covariance by a block bootstrap."""
+"""Fit numbers of a vehicle sheet to logs by robust least squares with priors; estimate the numbers' covariance by a block bootstrap."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ IntArray = NDArray[np.int64]
 IDENTIFIED = 0.5
 """A parameter is identified if its posterior standard deviation is at most this fraction of its prior standard deviation."""
 BLOCK = 5.0
-"""Shortest duration in s of the blocks that the bootstrap draws; a block is at least two windows."""
+"""Shortest duration in s of the blocks that the bootstrap draws; a block is at least as long as two windows."""
 ROUNDS = 3
-"""Number of successive fits; each fit takes the size of the residuals from the previous fit."""
+"""Number of successive fits; each fit uses the residuals' standard deviations from the previous fit."""
 BOUND = 4.0
 """Largest distance of a parameter from its prior in a fit, in prior standard deviations."""
 CONTRADICTED = 2.0
@@ -65,7 +65,7 @@ class Fit:
     covariance: FloatArray
     """(n_p, n_p) covariance of all normalised parameters, computed as if none were kept at its prior."""
     condition: float
-    """Condition number of the identified parameters' Fisher information, in units of their prior standard deviations."""
+    """Condition number of the Fisher information of the identified parameters, which are measured in prior standard deviations."""
     blocks: int
     """Number of blocks of the bootstrap."""
     windows: Windows
@@ -166,7 +166,7 @@ def fit(
 
 
 def _quantile(blocks: int) -> float:
-    """Return the half width of the 95 % interval, in standard deviations estimated from a number of blocks (Student's t)."""
+    """Return the half width of the 95 % interval in standard deviations (Student's t), if these are estimated from `blocks` blocks."""
     return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(1, blocks - 1)))
 
 
@@ -187,7 +187,7 @@ def information(
 
 
 def _undamped(parameter: Parameter, x: float) -> bool:
-    """Return whether a parameter is a damping coefficient at its lower bound, which is practically 0, as for many vehicles."""
+    """Return whether a parameter is a damping coefficient at its lower bound. The bound is practically 0, a common true value."""
     return "damping" in parameter.name and x <= parameter.range(BOUND)[0] + 1e-3
 
 
@@ -233,7 +233,7 @@ def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: 
 def _line(
     residuals: Residuals, x: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return a point along the step whose loss is smaller than the loss of `x`, and True; if none is found, return `x` and False."""
+    """Search along the step for a point with a smaller loss than `x`; return the point and True, or `x` and False if none is found."""
     before = residuals.loss(x)
     share = min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-12))
     for _ in range(8):
@@ -275,7 +275,7 @@ def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatA
 
 
 def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray) -> FloatArray:
-    """Return the sandwich covariance (n_p, n_p) from the scatter between blocks, the errors that all logs share, and the prior."""
+    """Return the sandwich covariance (n_p, n_p) of the blocks' gradients, with the errors that all logs share and with the prior."""
     count = len(gradients)
     bread = np.linalg.inv(matrices.sum(axis=0) + np.eye(gradients.shape[1]))
     scatter = gradients - gradients.mean(axis=0)
@@ -306,7 +306,7 @@ def _identified(
     reasons: dict[str, str],
     told: Callable[[str], None],
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], float]:
-    """Reset each parameter that the logs do not identify to its prior, one at a time; then refit the remaining parameters.
+    """Reset to its prior each parameter that the logs do not identify, one at a time; then refit the remaining parameters.
 
     Changes `x` and adds the reasons to `reasons`. Returns `x`, the `_sums` of all parameters, and the condition number.
     """
@@ -382,9 +382,9 @@ def _reason(names: Sequence[str], free: Sequence[int], covariance: FloatArray, w
 def _resampled(
     gradients: FloatArray, matrices: FloatArray, errors: FloatArray, replicates: int, seed: int
 ) -> FloatArray:
-    """Return the covariance of bootstrap replicates, each one Newton step from the fit (Andrews 2002).
+    """Return the covariance of bootstrap replicates; a replicate is a single Newton step from the fit (Andrews 2002).
 
-    A replicate draws blocks with replacement, the centre of the prior from the prior, and the errors that all logs share.
+    A replicate draws blocks with replacement, a new centre of the prior from the prior, and the errors that all logs share.
     """
     generator = np.random.default_rng(seed)
     count, size = gradients.shape

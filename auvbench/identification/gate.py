@@ -24,9 +24,9 @@ FloatArray = NDArray[np.float64]
 GRID = 0.02
 """Time in s between two samples of the comparison."""
 LATEST = 0.15
-"""Largest time in s by which the motion may follow the command."""
+"""Largest time in s by which the motion may follow the command in an open-loop log."""
 FARTHEST = 0.3
-"""Largest time in s by which command and motion are shifted for the comparison."""
+"""Largest time in s by which command and motion are shifted against each other for the comparison."""
 SMALLEST = 0.6
 """Smallest correlation of command and motion with which an axis is judged as open loop."""
 COARSEST = 0.075
@@ -38,7 +38,7 @@ EXCITED = 0.02
 
 
 QUIET = 0.05
-"""Speed in m/s or rad/s below which the motion of an axis without commands shows neither mass nor damping."""
+"""Speed in m/s or rad/s below which the motion along an axis without commands determines neither mass nor damping."""
 
 CLOSED, AGAINST, STILL = "closed loop", "against the command", "still"
 _REASONS = {
@@ -54,7 +54,7 @@ class Verdict:
 
     axis: str
     command: float
-    """Root mean square of the commanded force, as a fraction of the largest force."""
+    """Root mean square of the commanded force along the axis, as a fraction of the largest force along the axis."""
     moved: float
     """95 % quantile of the absolute velocity, m/s or rad/s; NaN if no log shows the velocity."""
     lag: float = float("nan")
@@ -179,7 +179,7 @@ def needed(vehicle: VehicleModel, states: FloatArray, change: FloatArray) -> Flo
 
 
 def reasons(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, str]:
-    """Return, by name, why parameters of refused axes stay at their prior."""
+    """Return, by parameter name, why a parameter of a refused axis stays at its prior."""
     refused = {verdict.axis: _REASONS[verdict.state] for verdict in verdicts if verdict.refused}
     return {
         name: refused[axis]

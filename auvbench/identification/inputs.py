@@ -1,4 +1,4 @@
-"""Convert a log's inputs to the quantities that a vehicle's actuators produce before their dynamics."""
+"""Convert a log's inputs to the quantities that the actuators' curves give, such as thrust, before the actuators' dynamics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ _NUMBERED = re.compile(r"(?:pwm|motor|servo|thruster|c|m|t)?_?(\d+)", re.IGNOREC
 
 
 def columns(log: Log, vehicle: VehicleModel) -> list[int]:
-    """Return the log's column for each actuator of a vehicle, matched by the autopilot's motors, by name or by number.
+    """Return, for each actuator of a vehicle, the index of the log's column that is its input.
+
+    Columns are matched by the autopilot's motors if the log has `motors`, else by name or by number.
 
     Raises:
         LogError: an actuator has no column, or a column has no actuator.

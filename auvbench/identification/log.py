@@ -27,7 +27,7 @@ KINDS = {
 }
 """Kinds of inputs."""
 SHORTEST = 2.0
-"""Shortest log in s."""
+"""Shortest usable duration of a log in s."""
 FEWEST = 8
 """Smallest number of rows of a log, and of measurements of a channel."""
 SLOWEST = 2.0
@@ -60,8 +60,8 @@ class Motors(Protocol):
 class Lasting:
     """Standard deviations of errors that outlast a window, so that the scatter of a log does not show their effect.
 
-    `offset` and `drift` differ between windows, and `early` between pieces of a window; the fit estimates these errors. `all_early`
-    and `depth_scale` are the same in all logs of a vehicle; they and `factor` widen intervals.
+    The errors `offset` and `drift` differ between windows, and `early` between pieces of a window; the fit estimates these three. The
+    errors `all_early` and `depth_scale` are the same in all logs of a vehicle; these two and `factor` only widen the fit's intervals.
     """
 
     offset: FloatArray
@@ -127,7 +127,7 @@ class Log:
 
 
 def longest_step(time: FloatArray) -> float:
-    """Return the longest time in s between two consecutive rows of a segment, given the times (T,) of all rows."""
+    """Return the time in s beyond which a pause between two rows is a gap, given the times (T,) of all rows."""
     return max(1.0, GAP * float(np.median(np.diff(time))))
 
 
@@ -194,7 +194,7 @@ def _check_time(log: Log) -> None:
 
 
 STEEP = 1.2
-"""Pitch in rad from which roll and yaw are not compared, since both jump by half a turn when the bow passes the vertical."""
+"""Pitch in rad above which measured roll and yaw are ignored, since both jump by half a turn when the bow passes the vertical."""
 LIMITS = {"pwm": (800.0, 2200.0), "command": (-1.0001, 1.0001), "force": (-1e5, 1e5), "wrench": (-1e6, 1e6)}
 _INSTEAD = {
     "pwm": "give pulse widths in us, or commands in [-1, 1] as NAME_cmd",

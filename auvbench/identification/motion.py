@@ -15,7 +15,9 @@ FloatArray = NDArray[np.float64]
 DEPTH = -5.0
 """z in m that is assumed if a log has no depth."""
 SPAN = 0.15
-"""Time in s before and after a row from which positions or angles are used to derive a velocity; at least one measurement each."""
+"""Time in s before and after a row within which positions or angles are used to derive the row's velocity.
+
+At least one measurement before the row and one after the row are used."""
 UNKNOWN = 0.3
 """Standard deviation of a velocity that was neither measured nor derived, m/s and rad/s."""
 
@@ -34,7 +36,7 @@ class Motion:
 
 
 def of_log(log: Log) -> Motion:
-    """Return the states of a log."""
+    """Return the vehicle's state in each row of a log, from the measurements."""
     state = np.zeros((log.time.size, len(CHANNELS)))
     state[:, 2] = DEPTH
     source = [""] * len(CHANNELS)
@@ -122,7 +124,7 @@ def turns(angles: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _half_width(log: Log, index: int) -> int:
-    """Return the number of measurements before and after a row from which the row's derivative is computed."""
+    """Return the number of measurements on each side of a row that are used to compute the row's derivative."""
     return max(1, round(SPAN / log.interval(CHANNELS[index])))
 
 

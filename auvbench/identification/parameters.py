@@ -27,7 +27,8 @@ PER_AXIS = ("added_mass", "linear_damping", "quadratic_damping")
 class Parameter:
     """A number of a sheet with its prior.
 
-    In the fit, its value is prior * exp(sd * x) if `log` is set, else prior + sd * x. The prior of x is the standard normal distribution.
+    The fit varies x: the number is prior * exp(sd * x) if `log` is set, else prior + sd * x. The prior of x is the standard normal
+    distribution.
     """
 
     name: str
@@ -102,7 +103,7 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
     """Return the parameters with the given names; the name of a group, such as added_mass, selects all axes of the group.
 
     Args:
-        vehicle: vehicle of the prior.
+        vehicle: vehicle whose sheet gives the priors.
         names: names or groups; empty: the names of `usual`.
         measured_voltage: whether the logs have the supply voltage, which is then not a parameter.
 
@@ -154,7 +155,7 @@ def values_of(parameters: Sequence[Parameter], x: FloatArray) -> dict[str, float
 
 
 def with_values(vehicle: VehicleModel, values: dict[str, float]) -> VehicleModel:
-    """Return the vehicle with other numbers, by the names of `known`; thrust, gain, delay and voltage are ignored."""
+    """Return the vehicle with the numbers in `values`, named as in `known`; thrust, gain, delay and voltage are ignored."""
     mass = values.get("mass", vehicle.mass)
     weight = vehicle.weight * mass / vehicle.mass
     net = values.get("net_buoyancy", vehicle.buoyancy - vehicle.weight)

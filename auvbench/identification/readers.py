@@ -19,9 +19,9 @@ def read(paths: Sequence[str], frame: str = "enu", motors: Sequence[str] | None 
 
     Args:
         paths: files or folders.
-        frame: axes of tables, "enu" or "ned"; the axes of other formats are known.
-        motors: thruster names in the order of an autopilot's motors, with `-` before a reversed thruster; None: the order of a
-            known frame.
+        frame: axes of .csv files, "enu" or "ned"; other formats define their own axes.
+        motors: thruster names in the order of an autopilot's motors, with `-` before a reversed thruster; None: the order is found
+            from the thrusters' directions.
 
     Raises:
         LogError: a file cannot be read, or a log cannot be used.

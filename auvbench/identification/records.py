@@ -97,7 +97,7 @@ def _log(name: str, digest: str, stored: dict[str, np.ndarray], key: str, actuat
     names = actuators or tuple(f"thruster{number}" for number in range(1, command.shape[1] + 1))
     if len(names) != command.shape[1]:
         raise LogError(f"{name}: has commands of {command.shape[1]} actuators, but names of {len(names)}")
-    # The last row is the end of the last command.
+    # The last row is the time at which the last command ends; `Log` needs inputs in this row too.
     inputs = np.vstack([command, command[-1:]])
     return checked(
         Log(

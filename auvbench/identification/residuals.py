@@ -111,7 +111,7 @@ class Residuals:
         return np.where(self.there, np.nan_to_num(error, nan=LOST, posinf=LOST, neginf=-LOST), 0.0)
 
     def linearise(self, x: FloatArray) -> None:
-        """Compute the derivatives of the residuals by first states and lasting errors, at normalised parameters `x`.
+        """Compute the derivatives of the residuals with respect to first states and lasting errors, at normalised parameters `x`.
 
         Predictions then start from the corrected first states, so that only small corrections remain, whose effect is linear.
         """
@@ -150,7 +150,7 @@ class Residuals:
         return np.array([read(lasting or NOTHING) for lasting in self._lasting])[self.windows.log]
 
     def _errors(self, effect: FloatArray, x: FloatArray) -> list[FloatArray]:
-        """Return the changes of the residuals by one standard deviation of each offset, drift and time error.
+        """Return how much one standard deviation of each offset, drift and time error changes the residuals.
 
         The result has one array (n, m, channels, k) for the offsets, one for the drifts and one for the times.
 
@@ -172,7 +172,7 @@ class Residuals:
         ]
 
     def _allow(self, z: FloatArray) -> None:
-        """Include the offsets and delays in `z` (n, `corrections`) in the predictions, since only small corrections have a linear effect."""
+        """Include the offsets and delays of `z` (n, `corrections`) in the predictions; later corrections are small, so their effect is linear."""
         self.wrong = np.clip(z[:, OWN : 2 * OWN], -5.0, 5.0)
         self.late = np.clip(z[:, 3 * OWN :], -LATEST, LATEST)
         late = np.zeros((self.windows.n, self.predictor.steps))
@@ -186,7 +186,7 @@ class Residuals:
         return [slice(first, first + width) for first in range(0, self.predictor.steps, width)]
 
     def _later(self, x: FloatArray, pieces: Sequence[slice]) -> FloatArray:
-        """Return the derivatives of the residuals by a delay in s of the inputs in each of k pieces, (k, n, m, channels)."""
+        """Return the derivatives (k, n, m, channels) of the residuals with respect to a delay in s of the inputs in each of k pieces."""
         values = values_of(self.parameters, x)
         base, *others = self.predictor.later(values, self.state, SMALL, [slice(0, 0), *pieces])
         return np.stack(
@@ -197,7 +197,7 @@ class Residuals:
         )
 
     def of_whole_logs(self, x: FloatArray) -> FloatArray:
-        """Return the change of `vector` (rows, errors) by one standard deviation of each error that all logs share.
+        """Return how much one standard deviation of each error that all logs share changes `vector`, (rows, errors).
 
         The effect of corrections is taken from the last linearisation. The time error of all outputs and the error of the depth scale
         belong to a vehicle's autopilot, so that more logs do not reduce them.
@@ -343,6 +343,6 @@ def _noise(log: Log) -> FloatArray:
 
 
 def _slope(base: FloatArray, other: FloatArray, step: float) -> FloatArray:
-    """Return a derivative of residuals by a finite difference; 0 where the difference exceeds `FLIPPED`."""
+    """Return the derivative of residuals, computed as a finite difference; 0 where the residual changes by more than `FLIPPED`."""
     change = other - base
     return np.asarray(np.where(np.abs(change) > FLIPPED, 0.0, change) / step)

@@ -16,7 +16,7 @@ from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import AXES
 
 SOURCE = "identified"
-"""Key of the source of numbers that come from logs."""
+"""Name, in a sheet's list of sources, of the source of numbers that come from logs."""
 DIGITS = 6
 """Significant digits of numbers in a sheet."""
 
@@ -30,7 +30,7 @@ def identified_sheet(
         base: content of the prior's sheet, merged with its parents.
         fit: result of the fit.
         name: name of the new vehicle.
-        command: command line, for the sheet's source.
+        command: command line, which the sheet records.
         digests: name and SHA-256 of each log file.
 
     Raises:
@@ -145,7 +145,10 @@ def _per_axis(found: dict[str, Any], place: tuple[str, str], parts: Mapping[int,
 
 
 def _components(quantity: dict[str, Any], parts: Mapping[int, tuple[float, float, float]]) -> None:
-    """Write the value and the ends of the range of some components of a quantity that is a list."""
+    """Write new values and ranges of some components of a quantity whose value is a list.
+
+    `parts` has, for each component's index, the value and the low and high end of the range.
+    """
     values = [float(value) for value in quantity["value"]]
     low, high = (list(map(float, ends)) for ends in quantity.get("range", (values, values)))
     for k, (value, lowest, highest) in parts.items():
@@ -165,7 +168,7 @@ def _source(quantity: dict[str, Any], names: Sequence[str]) -> None:
 
 
 def _thrusters(found: dict[str, Any], estimates: Mapping[str, Estimate]) -> None:
-    """Write lag, gain and voltage of the thrusters."""
+    """Write the identified lag, gains and voltage of the thrusters to the sheet."""
     thrust = estimates["thrust"].value if "thrust" in estimates else 1.0
     for group in found["actuators"].values():
         if group["type"] != "thruster":

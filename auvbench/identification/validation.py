@@ -80,10 +80,10 @@ class Validation:
 
 
 def horizons(logs: Sequence[Log]) -> Windows:
-    """Return windows whose rows are at the horizons.
+    """Return windows with one row for each prediction horizon.
 
-    A measurement at a horizon is interpolated between its two neighbours. It is left out if the channel's measurements are farther
-    apart than the horizon.
+    A measurement at a horizon is interpolated between the measurements before and after it. It is left out if the channel's interval
+    between measurements is longer than the horizon.
 
     Raises:
         LogError: no window fits.

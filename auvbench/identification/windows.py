@@ -176,7 +176,7 @@ class Predictor:
 
     Args:
         windows: windows to predict.
-        vehicle: vehicle whose sheet gives the numbers that `values` does not have.
+        vehicle: vehicle whose sheet gives all numbers that a prediction's `values` do not contain.
 
     Raises:
         LogError: a log's inputs do not fit the vehicle.
@@ -201,7 +201,7 @@ class Predictor:
         """Return the predicted states (n, m, 12) in the rows of the windows.
 
         Args:
-            values: numbers of the sheet that differ, by the names of `parameters.known`.
+            values: numbers that differ from the sheet's numbers, named as in `parameters.known`.
             state: (n, 12) first states; default: the windows' first states.
         """
         return np.asarray(self.many([values], [state])[0])
@@ -247,9 +247,9 @@ class Predictor:
         padded: int,
         inputs: Sequence[tuple[FloatArray, list[FloatArray]]] = (),
     ) -> FloatArray:
-        """Return the predictions of `many` for sets of numbers that are simulated in one batch, with `padded` vehicles for each set.
+        """Do the work of `many` for sets of numbers that fit into one batch; each set has `padded` vehicles.
 
-        `inputs` are the inputs of each set, in the form of `_inputs`; default: `_inputs` of the set.
+        `inputs` has, for each set, inputs as `_inputs` returns them; default: the result of `_inputs` for the set.
         """
         vehicles = [with_values(self.vehicle, some) for some in values]
         inputs = inputs or [
