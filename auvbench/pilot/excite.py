@@ -36,7 +36,7 @@ class Excite:
         vehicle: vehicle that the pilot steers.
         axes: axes in the order of the pushes, out of surge, sway, heave, roll, pitch and yaw.
         amplitude: largest push as a fraction of the largest force along the axis, at most 1; each push has 40 or 100 % of
-            this force.
+            the force of the largest push.
         seconds: duration for each axis, s.
         frequency: rate of commands, Hz.
 

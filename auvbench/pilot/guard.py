@@ -39,7 +39,7 @@ class Guard:
     """A running supervisor.
 
     Args:
-        sender: file of an integration with the class `Sender` (`supervisor.Sender`).
+        sender: path of an integration's file that defines the class `Sender` (`supervisor.Sender`).
         words: arguments with which the supervisor creates the `Sender`.
         patience: time in s without a message from the pilot after which the supervisor brings the vehicle to
             rest.
@@ -82,7 +82,7 @@ class Guard:
             theirs.close()
 
     def leave_will(self, contents: Sequence[bytes]) -> None:
-        """Replace the will, which is the messages that bring the vehicle to rest."""
+        """Replace the will: the messages with which the supervisor brings the vehicle to rest."""
         for content in (b"", *contents):
             self._hand(WILL, content)
 

@@ -43,7 +43,7 @@ def observe(
     """Return the observation (n_obs,).
 
     Args:
-        spec: observation; its blocks must be in `supplied()`.
+        spec: layout of the observation; its blocks must be in `supplied()`.
         pose: (7,) x, y, z in m, unit quaternion (w, x, y, z).
         velocity: (6,) m/s and rad/s, body axes.
         waypoint: (3,) waypoint or station in m, world axes.

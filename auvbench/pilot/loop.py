@@ -170,7 +170,7 @@ class Pilot(ABC):
         self.disarm("the clock went back (was the vehicle restarted?)")
 
     def steer_to(self, waypoint: Sequence[float], yaw: float = 0.0) -> bool:
-        """Set a waypoint, (3,), m, and the yaw of a station, rad; return False if the waypoint is not allowed."""
+        """Set a waypoint (3,) in m, and the yaw of a station in rad; return False if the waypoint is not allowed."""
         limits = self.limits
         if self.steering.once and self.armed:
             self._report("waypoint ignored: the manoeuvre goes on")
@@ -189,7 +189,7 @@ class Pilot(ABC):
         return True
 
     def _refusal(self, point: Floats) -> str:
-        """Return why the filter does not let the vehicle go to `point`, (3,); '' if the filter does."""
+        """Return why the filter does not let the vehicle go to `point` (3,); '' if the filter allows it or there is no filter."""
         return "" if self.steering.filter is None else self.steering.filter.refusal(point)
 
     def arm(self) -> str:
@@ -248,7 +248,7 @@ class Pilot(ABC):
 
     @property
     def age(self) -> float:
-        """Return the age in s of the oldest of the messages that the pilot needs (`_ages`)."""
+        """Return the largest age in s of the kinds of messages that the pilot needs continuously (`_ages`)."""
         return self._oldest()[1]
 
     def _set_state(self, state: str) -> None:

@@ -90,7 +90,7 @@ class Mission:
         return self.outcome
 
     def record(self, number: int) -> Record:
-        """Return the mission as an episode's row, with the columns of a test with task waypoint."""
+        """Return the mission as the row of an episode, with the columns that tests of the task waypoint have."""
         x, y, z = self.waypoint.tolist()
         positions = np.array(self.positions)
         line, away = self.waypoint - positions[0], positions[1:] - positions[0]

@@ -52,7 +52,7 @@ class Limits:
     depth_low: float  # m, lowest z
     depth_high: float  # m, highest z
     goal_radius: float  # m, distance at which a waypoint is reached
-    max_steps: int  # agent steps per waypoint
+    max_steps: int  # largest number of agent steps per waypoint
     pose_timeout: float = 0.5  # s, largest age of a pose; with an older pose, the pilot commands zero thrust
     lost_after: float = 5.0  # s, age of a pose at which the pilot disarms
     patience: float = 1.0  # s, longest time without a message from the pilot; then its supervisor disarms
@@ -81,7 +81,7 @@ class Steering:
     frequency: float
     """rate of the controller, Hz"""
     spec: ObservationSpec
-    """observation of the controller"""
+    """layout of the controller's observation"""
     limits: Limits
     name: str = ""
     """name of the controller"""
@@ -171,7 +171,7 @@ class Steering:
         )
 
     def end(self, reason: str) -> None:
-        """End the present mission; with a logbook, the next `write` records a mission with at least one step."""
+        """End the present mission; if it has at least one step, the next `write` records it in the logbook, if any."""
         mission, self.mission, self._action = self.mission, None, None
         self._record(mission, reason)
 

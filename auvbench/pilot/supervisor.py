@@ -44,7 +44,7 @@ LONGEST = 5.0
 
 
 class Sender(Protocol):
-    """Connection to a vehicle: the class `Sender` in an integration's file. Its arguments are the words after the file's name."""
+    """Connection to a vehicle: the class `Sender` in an integration's file. Its arguments follow the file on the command line."""
 
     done: str
     """effect of the will as text, for the supervisor's last line"""
