@@ -273,8 +273,8 @@ def check_agent(
 
     Args:
         overrides: arguments of `auvbench train`: the agent, `algo=NAME`, and other overrides.
-        steps: budget of each of a learner's four trainings. It must be long enough for several calls of
-            `callbacks.checkpoint`.
+        steps: budget, in environment steps, of each of a learner's four trainings. The budget must be long enough for several
+            calls of `callbacks.checkpoint`.
         only: one of `AGENT_CHECKS` or `LEARNER_CHECKS`; default: all.
 
     Raises:

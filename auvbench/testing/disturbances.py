@@ -76,7 +76,7 @@ def its_water_stays_within_its_bound(config: schema.TrainConfig) -> None:
 
 
 def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
-    """Check that the functions of one episode, run as Python, access only existing fields and indices."""
+    """Check that the disturbance's functions for one episode, run as Python, access only existing fields and indices."""
     batch = Batch(config, 2, seed=3)
     if batch.disturbances is None:
         raise ConformanceError(

@@ -28,7 +28,7 @@ STATE = ("pose", "velocity", "command_force", "power")
 
 
 def start(simulator: Simulator, first: int = 0, **options: Any) -> None:
-    """Put all vehicles at different places, at rest; a vehicle's place depends on `first` and its row."""
+    """Put all vehicles at different places, at rest; a vehicle's place depends on `first` plus the vehicle's row."""
     rows = np.arange(simulator.n)
     pose = np.zeros((simulator.n, 7))
     pose[:, 0], pose[:, 2], pose[:, 3] = 2.0 * (first + rows), -20.0, 1.0
@@ -51,7 +51,7 @@ def compare(first: dict[str, Any], second: dict[str, Any], what: str) -> None:
 
 
 def its_arrays_are_what_they_should(make: Make) -> None:
-    """Check the arrays and the type of `capabilities`.
+    """Check the simulator's arrays, and check that `capabilities` has the right type.
 
     `pose` (n, 7), `velocity` (n, 6), `command_force` (n, n_u) and `power` (n,) must be finite float64 arrays, and quaternions must
     have length 1.

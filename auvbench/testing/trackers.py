@@ -41,7 +41,7 @@ def it_logs_a_training(service: Service) -> None:
 
 
 def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
-    """Check that a log opens again with the same key after a failure, and then accepts a lower step than the last logged step."""
+    """Check that a log opens again with the same key after a failure, and then accepts a step that is lower than the last one logged."""
     with failing("prepare"):
         service.prepare("conformance")
     for step, error in (
