@@ -1,4 +1,4 @@
-"""Log scalars of runs and ranked tables to Weights & Biases or MLflow, with their own clients.
+"""Log ranked tables, and the scalars of runs, to Weights & Biases or MLflow through the client of each service.
 
 Logging changes neither a run's id nor its results. The clients' environment variables set server, project and
 mode (docs/tracking.md).
@@ -21,7 +21,7 @@ LOCAL = "tensorboard"
 
 
 class Tracker(Protocol):
-    """A run's log at a tracking service, which is open until `close`."""
+    """An open log of a run at a tracking service; `close` ends the log."""
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
         """Add scalars by name at an environment step."""
@@ -40,7 +40,7 @@ class Service(Protocol):
         """
 
     def start(self, key: str, config: Mapping[str, Any], name: str) -> Tracker:
-        """Open the logged run of a training; see `tracking.start`."""
+        """Open the service's log of a run; see `tracking.start`."""
 
     def table(self, name: str, csv: str, files: list[Path]) -> None:
         """Log a ranked table; see `tracking.table`."""
@@ -67,7 +67,7 @@ def prepare(service: str, experiment: str) -> None:
 
 
 def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Tracker | None:
-    """Open the logged run of a training, or reopen it if an earlier attempt of the run exists; None if only TensorBoard logs.
+    """Open the service's log of a run, or reopen it if an earlier attempt of the run exists; return None for TensorBoard.
 
     Args:
         service: value of `train.log`.
