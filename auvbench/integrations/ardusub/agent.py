@@ -43,11 +43,11 @@ Floats = NDArray[np.float64]
 
 
 class ArduSubAgent:
-    """Agent that lets ArduSub steer. It runs one episode at a time and starts a new ArduSub for each.
+    """Agent that lets ArduSub steer. It runs one episode at a time and starts a new ArduSub for each episode.
 
     Raises:
         ConfigError: the vehicle has fins, its thrusters match none of ArduSub's frames, the task observes no position
-            or yaw error, or ArduSub's program is missing or has a different SHA-256 than the run's.
+            or yaw error, or ArduSub's program is missing or does not have the SHA-256 in the run's configuration.
         MissingExtraError: pymavlink is not installed.
     """
 
@@ -116,7 +116,7 @@ class ArduSubAgent:
         return vehicle.outputs
 
     def ended(self, rows: Integers) -> None:
-        """Stop ArduSub at the end of its episode."""
+        """Stop the ArduSub of the episode that has ended."""
         if self._vehicle is not None:
             self._vehicle.stop()
 

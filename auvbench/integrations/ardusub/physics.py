@@ -30,7 +30,7 @@ NORTH = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 
 _BUOYANCY = SCALES.index("buoyancy")
 _STRONGER = 1.05
-"""largest ratio of a thruster's force to a T200's at 16 V with which the T200's curve may be used; > 1 as sheets round the thrust"""
+"""largest ratio of a thruster's largest force to a T200's at 16 V for use of the T200's curve; above 1, since sheets round the thrust"""
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
@@ -74,7 +74,7 @@ class Physics:
         self.simulator = cast(FossenSimulator, simulator)
         self._start = np.array([[*config.task.start, *NORTH]])
         self._task = tasks.make(config, self.vehicle, 1, config.seed)
-        self._task.assign(np.array([1]))  # episode 0
+        self._task.assign(np.array([1]))  # `assign` sets the next episode, so the present episode is 0
         _refuse_errors(config.disturbance)
         self._disturbances = disturbances.of(config, self.vehicle, self._task)
         pulses = np.repeat(np.arange(LONGEST + 1)[:, None], len(self.motors.order), axis=1)

@@ -31,7 +31,7 @@ _used: dict[str, str] = {}
 
 
 def used() -> dict[str, str]:
-    """Return the version of the last ArduSub that this process connected to, for manifests; empty if there was none."""
+    """Return the version of the last ArduSub that this process connected to, for manifests; empty without such a connection."""
     return dict(_used)
 
 

@@ -1,4 +1,4 @@
-"""Serve vehicles on UDP ports, each in lock-step with the ArduSub that sends to its port."""
+"""Serve vehicles on UDP ports; each vehicle is in lock-step with the ArduSub that sends to the vehicle's port."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ class Port:
 
 
 class Server:
-    """Vehicles on ports 10 apart, as used by ArduPilot's instances 0, 1, ...
+    """Server of one vehicle for each of ArduPilot's instances 0, 1, ..., whose ports are 10 apart.
 
     Args:
         vehicles: one vehicle for each port.
@@ -300,7 +300,7 @@ class Meter:
 
 
 def started(address: str, port: int) -> str:
-    """Return the flags with which ArduSub sends to a port.
+    """Return the command-line flags that make ArduSub send to a port.
 
     >>> started("127.0.0.1", 9002), started("127.0.0.1", 9022), started("127.0.0.1", 9003)
     ('--model JSON:127.0.0.1', '-I 2 --model JSON:127.0.0.1', '--model JSON:127.0.0.1 --sim-port-out 9003')

@@ -75,8 +75,8 @@ class Sitl:
 
     Args:
         path: path of the program.
-        parameters: ArduSub's parameters by name; they replace its defaults and `PARAMETERS`.
-        at_birth: function called in the new process before the program starts; it lets the program end with this process.
+        parameters: ArduSub's parameters by name; they override ArduSub's defaults and `PARAMETERS`.
+        at_birth: function called in the new process before the program starts. It makes the new process end when this process ends.
         has_dvl: whether ArduSub gets the pings of a DVL, also while the vehicle is held.
 
     Raises:
@@ -257,7 +257,7 @@ def _end(process: subprocess.Popen[bytes], folder: Path, sockets: tuple[socket.s
 
 
 def settled(config: DictConfig, algo: ArduSub) -> DictConfig:
-    """Return a composed configuration with the digest of its ArduSub.
+    """Return a copy of a composed configuration, with the SHA-256 of ArduSub's program added.
 
     Args:
         config: composed configuration.

@@ -108,7 +108,7 @@ class RayBackend:
 
 
 def carry_out(run: str, target: str) -> int:
-    """Start the worker from this Ray process, on whichever node it runs, and return the worker's exit code."""
+    """Start the worker on the node of this Ray process, and return the worker's exit code."""
     worker = [sys.executable, "-P", "-m", "auvbench.training.worker", run, "--log", "--target", target]
     process = subprocess.Popen(
         [*worker, "--parent", str(os.getpid())], stdin=subprocess.DEVNULL, start_new_session=True

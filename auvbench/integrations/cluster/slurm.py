@@ -170,7 +170,7 @@ class SlurmBackend:
         array = self._sbatch(places[0], self.script(*places))
         jobs: dict[Path, SlurmJob] = {}
         for task, (run, place) in enumerate(ready.items()):
-            with contextlib.suppress(OSError):  # without the job file, only later sweeps do not find the job
+            with contextlib.suppress(OSError):  # only later sweeps need the job file, to find the job
                 _note(place, f"{array}_{task}", _array_name(places))
             jobs[run] = self._watch(place, f"{array}_{task}")
         return jobs
@@ -216,7 +216,7 @@ class SlurmBackend:
         """Return the batch script of a run, or of an array of runs: sbatch's options, the lines of `setup`, and the worker's command.
 
         The worker replaces the batch shell, without srun, so that signals reach only the worker. SIGUSR1, which announces the
-        time limit, is ignored until the worker handles signals. If the job ignored it, the SIGTERM at the limit makes
+        time limit, is ignored until the worker handles signals. If the job ignored SIGUSR1, the SIGTERM at the limit makes
         the run save.
         """
         options = self.options
@@ -322,7 +322,7 @@ class SlurmBackend:
         return self.jobs[number]
 
     def _states(self, numbers: Sequence[str]) -> dict[str, tuple[str, str]]:
-        """Return state and name of each job that the cluster still knows, by number."""
+        """Return, by job number, the state and the name of each job in `numbers` that the cluster still knows."""
         # --me instead of --jobs: squeue rejects a list with a job that it has forgotten.
         # --array: one line for each task, including waiting tasks.
         text = command(["squeue", "--me", "--noheader", "--array", "--states=all", "--format=%i|%T|%j"])

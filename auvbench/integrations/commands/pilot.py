@@ -485,7 +485,7 @@ def task_of_policy(
     task = task_of(trained, f"{word}: its task is")
     packages = _block_packages(word, named)
     known = supplied()
-    # "velocity_x" and "velocity_error_x" both begin with "velocity", so blocks are matched as a whole.
+    # "velocity_x" and "velocity_error_x" both begin with "velocity", so the longest matching name of a block is chosen.
     blocks = [max((b for b in known if label.startswith(b)), key=len, default="") for label in card.observed]
     try:
         changed: dict[str, Any] = {
@@ -511,7 +511,7 @@ def task_of_policy(
 
 
 def _block_packages(word: str, task: Any) -> dict[str, str]:
-    """Register the observation blocks from packages that a policy's card names; return the package release of each block.
+    """Register the observation blocks that a policy's card takes from packages; return the package release of each block.
 
     Raises:
         UserError: the card's entry is invalid, or the named release of a package is not installed.

@@ -60,7 +60,7 @@ def _entries(matrix: FloatArray, axes: str, prefix: str = "") -> list[str]:
 
 
 def displaced(vehicle: VehicleModel) -> list[str]:
-    """Return the lines of the displaced water: a sphere without contacts, with its centre at the centre of buoyancy."""
+    """Return the SDF lines of the displaced water: a sphere without contacts, with its centre at the centre of buoyancy."""
     volume = vehicle.buoyancy / (vehicle.density * vehicle.gravity)
     if volume == 0.0:
         return []

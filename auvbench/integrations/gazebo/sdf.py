@@ -1,8 +1,8 @@
 """Convert a vehicle's sheet to SDF for Gazebo Harmonic (gz-sim 8, DART): a model, and a world of water for models.
 
 Gazebo and auvbench have the same axes (world ENU, body FLU), and the link frame is the body origin, so the
-numbers of the `VehicleModel` are written unchanged. The plugin's tags are Fossen's derivatives and thus have a
-minus sign.
+numbers of the `VehicleModel` are written unchanged. Only the tags of the Hydrodynamics plugin have a minus sign,
+because they are Fossen's derivatives.
 
 `files` returns the files of `auvbench vehicles NAME --sdf DIR`: model, world, ROS 2 bridge and launch file.
 """

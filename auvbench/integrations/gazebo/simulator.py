@@ -142,7 +142,7 @@ class GazeboSimulator(VehicleBatch):
                 world.set_step(step)
 
     def _new_body(self, index: int, place: int) -> NewBody:
-        """Return a new body of vehicle `index` for place `place` in its world."""
+        """Return a new body of vehicle `index` for place `place` in the vehicle's world."""
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])

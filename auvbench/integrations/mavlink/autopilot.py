@@ -24,7 +24,7 @@ FOUND = 10.0
 AGAIN = 0.5
 """time in s after which an unanswered request is repeated"""
 TOLD = 2.0
-"""longest time in s to wait for the failsafes' parameters; an older ArduSub lacks some of them and does not answer"""
+"""longest time in s to wait for the failsafes' parameters; an older ArduSub does not answer a request for a parameter that it lacks"""
 SILENT = 5.0
 """time in s without a message after which `company` no longer reports a second vehicle"""
 BEAT = 0.1
@@ -263,7 +263,7 @@ class Autopilot:
         self.link.send(self._message(name, *fields, component=component), self.peer)
 
     def _message(self, name: str, *fields: Any, component: bool = False) -> Any:
-        """Return a message to the vehicle: the vehicle's system number, its component number if `component`, then `fields`."""
+        """Return a message whose first field is the vehicle's system number, then 1 (the autopilot) if `component`, then `fields`."""
         assert self._who is not None
         target = (self._who[1], 1) if component else (self._who[1],)
         return getattr(self._dialect, f"MAVLink_{name}_message")(*target, *fields)

@@ -47,7 +47,8 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
 }
 """For each message that is read, its fields and the column that each field becomes."""
 OPEN_LOOP = "open_loop"
-"""Name of the column that is 1 while the vehicle is armed in MANUAL, else 0: a controller, a person or the deck may move the vehicle."""
+"""Name of the column that is 1 while the vehicle is armed in MANUAL. It is 0 while a controller, a person or the deck may move the
+vehicle."""
 GYRO_FILTER = "INS_GYRO_FILTER"
 """Name of the parameter with the cutoff in Hz of the gyro's Butterworth filter of order 2, whose delay is sqrt(2) / (2 pi cutoff)."""
 OFFSET = (math.inf, math.inf, 0.0, 0.003, 0.003, 0.0, 0.04, 0.04, 0.006, *(0.0025,) * 3)
@@ -65,7 +66,7 @@ INSTANCE = ("I", "Instance", "Inst", "C")
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
-    """Return a list with the one log of a file; its axes are always NED and FRD.
+    """Return a list with the one log of a file; the axes in the file are always NED and FRD.
 
     Args:
         path: a file.
@@ -131,7 +132,7 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
 
 
 def driven(log: Log, names: Sequence[str] | None) -> Log:
-    """Return the log with a function that finds, for a vehicle, the thrusters of the columns C1, C2, ... (ArduSub's motors).
+    """Return the log with a function that finds which thrusters of a vehicle the columns C1, C2, ... (ArduSub's motors) drive.
 
     Args:
         log: log of an ArduSub.
@@ -233,13 +234,13 @@ def _lasting(interval: float) -> Lasting:
 
 
 def _moved(row: dict[str, float], ago: float) -> dict[str, float]:
-    """Return the row of an output with a time `ago` s earlier, without `OPEN_LOOP`, whose value at that time is in other rows."""
+    """Return the row of an output, moved `ago` s back in time, without `OPEN_LOOP`: other rows have the right `OPEN_LOOP` for that time."""
     kept = {name: value for name, value in row.items() if name != OPEN_LOOP}
     return {**kept, "t_s": round(row["t_s"] - ago, 6)}
 
 
 def _with_body_velocity(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with the velocity over ground in body axes instead of world axes, by the interpolated attitude."""
+    """Return the table with the velocity over ground rotated from world axes to body axes by the interpolated attitude."""
     there = table["vn"].notna().to_numpy()
     time = table["t_s"].to_numpy()
     angles = []

@@ -89,7 +89,7 @@ class Link:
                     yield peer or self._server, message
 
     def send(self, message: Any, peer: Peer) -> None:
-        """Send a message, through the supervisor if it was started.
+        """Send a message, through the supervisor if the supervisor was started.
 
         A message that the network does not accept is lost.
 

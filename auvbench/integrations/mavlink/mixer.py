@@ -96,10 +96,10 @@ class Mixer:
         return np.minimum([1.0, 1.0, gain, gain * self.throttle_gain, gain, gain], 1.0)
 
     def reach(self, gain: float) -> Floats:
-        """Return the largest force or moment of the mixer along each axis, as a fraction of the thrusters' largest, (6,).
+        """Return, for each axis, the mixer's largest force or moment as a fraction of the thrusters' largest force or moment, (6,).
 
-        The thrusters' largest is the sum of the magnitudes that all thrusters can contribute along the axis. If this sum is 0, the
-        fraction is NaN.
+        The thrusters' largest force or moment is the sum of the magnitudes that all thrusters can contribute along the axis. If this
+        sum is 0, the fraction is NaN.
         """
         axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
         both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]
@@ -109,7 +109,7 @@ class Mixer:
             return np.asarray(np.minimum(np.minimum(*both) / most, 1.0))
 
     def axes(self, force: Floats, limits: Floats) -> Floats:
-        """Return the axes within `limits` whose wrench is closest to the wrench of the thruster forces, (6,).
+        """Return the mixer's axes (6,) within `limits` that give the wrench closest to the wrench of the thruster forces.
 
         The mixer cannot produce forces that cancel each other, so the search (Levenberg-Marquardt) starts from the smallest
         thruster forces with the same wrench.

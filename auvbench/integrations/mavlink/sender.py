@@ -26,7 +26,7 @@ class Sender:
                 self.socket.sendall(data)
 
     def close(self) -> None:
-        # Closing a connection with unread bytes resets it, and the last messages may be lost.
+        # Closing a connection that has unread bytes resets the connection, and the last messages may be lost.
         with contextlib.suppress(OSError):
             if self.socket.type == socket.SOCK_STREAM:
                 self.socket.shutdown(socket.SHUT_WR)

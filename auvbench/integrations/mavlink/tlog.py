@@ -58,7 +58,7 @@ _NO_VOLTAGE = 65535
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
-    """Return a list with the one log of a file; its axes are always NED and FRD.
+    """Return a list with the one log of a file; the axes in the file are always NED and FRD.
 
     Args:
         path: a file.

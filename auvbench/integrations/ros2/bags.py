@@ -41,7 +41,7 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
 
     Args:
         path: a folder.
-        motors: unused, because commands name their thrusters.
+        motors: unused, because the topics of commands contain the names of the thrusters.
 
     Raises:
         LogError: the folder cannot be read, has no commands of thrusters, or a check fails.
@@ -148,7 +148,7 @@ def _values(kind: str, message: Any, odometry: bool) -> dict[str, float]:
         force = {f"a{axis}_mps2": getattr(message.linear_acceleration, axis) for axis in "xyz"}
         if odometry:
             return force
-        # A covariance of -1: the sensor has no attitude.
+        # A covariance of -1 means that the sensor does not measure attitude (sensor_msgs/Imu).
         attitude = _turned(message.orientation) if message.orientation_covariance[0] != -1.0 else {}
         return {**force, **attitude, **_turning(message.angular_velocity)}
     return {kind: float(message.data)}

@@ -45,8 +45,8 @@ class Connection:
 
     Attributes:
         clock: the clock in use, one of CLOCKS.
-        lost: whether this connection cannot continue, because the server did not answer or another client moved its
-            vehicles.
+        lost: whether this connection cannot continue, because the server did not answer or another client moved the
+            server's vehicles.
         pose: (n, 7) last poses; `velocity` (n, 6) last velocities.
 
     """
@@ -281,7 +281,7 @@ class Connection:
         self._due = 0.0  # the next step does not follow an earlier one
 
     def await_poses(self, indices: Sequence[int], poses: Floats) -> None:
-        """Wait until vehicles are near `poses` (k, 7), since the answer of a reset may arrive before its odometry."""
+        """Wait until vehicles are near `poses` (k, 7), since the answer of a reset may arrive before the odometry after the reset."""
         which = list(indices)
         before = self._received[which].copy()
 

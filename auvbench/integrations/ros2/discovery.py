@@ -64,7 +64,7 @@ def find_server(
         n = int(about.get("vehicles", "1"))
     except ValueError:
         n = 1
-    # The name of a server's only vehicle may also end with _1, so the number of vehicles decides.
+    # The name of a server's only vehicle may also end with _1, so `n`, not the name, gives the number of vehicles.
     return [interface.Names(name) for name in interface.namespaces(namespace, max(n, 2))][:n], about
 
 

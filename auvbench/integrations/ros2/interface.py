@@ -1,6 +1,6 @@
 """Define the interface's names, types and frames, and convert its messages to arrays.
 
-The interface is the one of Centrale Nantes' BlueROV2 with additional services for a benchmark.
+It is the interface of Centrale Nantes' BlueROV2, with additional services for a benchmark.
 
 World ENU (frame `world`, surface at z = 0), body FLU (frame `<namespace>/base_link`), as in REP-103;
 docs/ros2.md is the page for users. Quaternions are (w, x, y, z) in arrays and (x, y, z, w) in messages.
@@ -140,7 +140,7 @@ def read_odometry(data: bytes, pose: Floats, velocity: Floats) -> int:
     """Read a serialised nav_msgs/Odometry into `pose` (7,) and `velocity` (6,); return its stamp in ns.
 
     Building the Python object would take longer than the rest of a round trip, because of its 72 covariances.
-    The layout is little-endian CDR: numbers are aligned to their size, counted after a header of 4 bytes.
+    The layout is little-endian CDR: after a header of 4 bytes, each number's offset is a multiple of the number's size.
 
     Raises:
         ValueError: the message has a different layout.

@@ -19,7 +19,7 @@ from auvbench.untrusted.text import say
 Floats = NDArray[np.float64]
 
 SINCE = "since_"
-"""prefix of a node in each vehicle's namespace; its name ends with the server's start time, so that the later of two servers can exit"""
+"""prefix of a node's name in each vehicle's namespace; the server's start time follows, so that the later of two servers can exit"""
 
 
 class Simulated(Protocol):
@@ -260,7 +260,7 @@ class Server:
         """Check for `seconds` whether another program publishes these vehicles' odometry.
 
         Raises:
-            InterfaceError: another program publishes it, and this program is not a server that started later.
+            InterfaceError: another program publishes the odometry, and that program is not a server that started after this one.
         """
         self.session.discovered(lambda: bool(self._claimed()), seconds)
         self._leave_to(self._claimed())
@@ -273,11 +273,11 @@ class Server:
             )
 
     def _claimed(self, by: Literal["any", "server"] = "any") -> str:
-        """Return a topic that an earlier server also publishes; '' without such a topic.
+        """Return an odometry topic of these vehicles that an earlier program also publishes; '' without such a topic.
 
         Args:
-            by: "any": consider all publishers; "server": consider only servers, since other publishers may have started
-                later.
+            by: "any": consider all publishers except later servers; "server": consider only servers, since any other
+                publisher may have started later.
         """
         node = self.vehicles[0].node
         for name in self.namespaces:

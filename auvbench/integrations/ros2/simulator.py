@@ -93,7 +93,7 @@ class Ros2Simulator:
         settings: namespace, clock and timeout.
 
     Raises:
-        ConfigError: the server has fewer vehicles, or ROS 2 is not installed.
+        ConfigError: the server has fewer than `n` vehicles, or ROS 2 is not installed.
         InterfaceError: a topic or service is missing, or another program uses it.
     """
 
@@ -192,7 +192,7 @@ class Ros2Simulator:
         """Apply normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds.
 
         Raises:
-            TrainingError: the server does not answer, or another batch of this process uses its vehicles.
+            TrainingError: the server does not answer, or another batch of this process uses the server's vehicles.
         """
         self._own()
         given = np.asarray(command, dtype=np.float64)

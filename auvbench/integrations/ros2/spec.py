@@ -19,7 +19,7 @@ class Ros2(Simulator):
     def limited(self, capabilities: Capabilities) -> Capabilities:
         if self.clock == "lockstep":
             return capabilities
-        # The server is unknown, and messages arrive late.
+        # The capabilities of the server are unknown, and messages arrive late.
         return replace(capabilities, deterministic=False, scales=False, currents="steady")
 
 

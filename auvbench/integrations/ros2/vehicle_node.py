@@ -26,7 +26,7 @@ class Settings:
 
     step_duration: float  # s
     pace: float  # simulated seconds per second; 0: as fast as possible
-    steps: int = 1  # steps of the service `step`
+    steps: int = 1  # number of steps that one call of the service `step` makes
 
 
 MEANING = {
@@ -247,7 +247,7 @@ def _kind(parameter: Any) -> str:
 
 
 def _numbers(value: Any, sizes: tuple[int, ...], low: float = -1e9, high: float = 1e9) -> str:
-    """Return what is wrong with an array; '' if nothing is."""
+    """Return what is wrong with an array; '' if the array is valid."""
     if len(value) not in sizes:
         return f"has {len(value)}"
     wrong = next((x for x in value if not low <= x <= high), None)
@@ -263,7 +263,7 @@ def _is_pose(value: Any) -> str:
 
 
 def is_current(value: Any) -> str:
-    """Return what is wrong with a current; '' if nothing is."""
+    """Return what is wrong with a current; '' if the current is valid."""
     wrong = _numbers(value, (3, 8)) or _numbers(value[:6], (3, 6), -FASTEST, FASTEST)
     if not wrong and len(value) == 8 and not value[7] > value[6]:
         wrong = f"the depth of the bottom, {value[7]:g} m, is not larger than the depth of the top, {value[6]:g} m"

@@ -1,1 +1,1 @@
-"""Log to Weights & Biases or MLflow with their own clients (docs/tracking.md)."""
+"""Log to Weights & Biases or MLflow through the client of each service (docs/tracking.md)."""

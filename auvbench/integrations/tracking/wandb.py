@@ -36,8 +36,8 @@ class Run:
     def write(self, scalars: Mapping[str, float], step: int) -> None:
         """Add scalars.
 
-        A resumed run repeats the steps since its last checkpoint with the same values, which the client
-        skips.
+        A resumed run writes the steps since its last checkpoint again, with the same values. The client skips these
+        repeated steps.
         """
         self._run.log(dict(scalars), step=step)
 
@@ -64,10 +64,10 @@ def prepare(experiment: str) -> None:
 
 
 def refuse_settings() -> None:
-    """Reject W&B's settings in the working directory: they could send the user's key to another server.
+    """Reject a W&B settings file in the working directory: its settings could send the user's key to another server.
 
     Raises:
-        ConfigError: the working directory has such a file; the message names it.
+        ConfigError: the working directory has a W&B settings file; the message names the file.
     """
     for folder in ("wandb", ".wandb"):
         path = Path(folder, "settings")
