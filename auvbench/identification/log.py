@@ -258,7 +258,7 @@ def _check_jumps(log: Log) -> None:
 
 
 def _steep(log: Log, index: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return, for each step between `rows`, whether channel `index` is roll or yaw and the bow is near the vertical, (rows - 1,)."""
+    """Return, for each two successive `rows`, whether channel `index` is roll or yaw and the bow is near the vertical, (rows - 1,)."""
     pitch = np.abs(np.nan_to_num(log.measured[rows, 4]))
     return np.asarray((np.maximum(pitch[1:], pitch[:-1]) > STEEP) & (index in (3, 5)))
 

@@ -1,4 +1,4 @@
-"""Compute weighted residuals of predictions, with the first state of each window free within its measurement error."""
+"""Compute weighted residuals of predictions; the first state of each window is also estimated, within its measurement error."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ class Residuals:
         ]
 
     def _allow(self, z: FloatArray) -> None:
-        """Include the offsets and delays of `z` (n, `corrections`) in the predictions; later corrections are small, so their effect is linear."""
+        """Include the offsets and delays of `z` (n, `corrections`) in the predictions, so that later corrections are small."""
         self.wrong = np.clip(z[:, OWN : 2 * OWN], -5.0, 5.0)
         self.late = np.clip(z[:, 3 * OWN :], -LATEST, LATEST)
         late = np.zeros((self.windows.n, self.predictor.steps))

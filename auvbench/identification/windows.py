@@ -48,9 +48,9 @@ class Windows:
     log: IntArray
     """(n,) index of each window's log."""
     start: FloatArray
-    """(n,) s, time of the first row."""
+    """(n,) time of each window's first row, s."""
     state: FloatArray
-    """(n, 12) state in the first row."""
+    """(n, 12) state of the vehicle in each window's first row."""
     time: FloatArray
     """(n, m) time of each row after the start, s."""
     measured: FloatArray

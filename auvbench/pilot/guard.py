@@ -158,7 +158,7 @@ class Guard:
         self._socket.settimeout(0.0)
         fired = FIRED in (self._heard(), self._heard())
         if hangs and not fired:
-            # The supervisor may only be late. When it reads the end of the stream, it sends its will; this brings the vehicle to rest
+            # The supervisor may only be late. When it reads the end of the stream, it sends the will. The vehicle thus comes to rest
             # even if the pilot dies first. Commands that the supervisor reads before the end are too old to be sent.
             with contextlib.suppress(OSError):
                 self._socket.shutdown(socket.SHUT_WR)

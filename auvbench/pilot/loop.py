@@ -34,7 +34,7 @@ TURN = 0.02
 
 
 class Pilot(ABC):
-    """One vehicle under one controller. A subclass implements the network to the vehicle.
+    """One vehicle under one controller. A subclass implements the communication with the vehicle.
 
     Args:
         steering: controller with its limits.

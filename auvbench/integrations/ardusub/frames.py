@@ -103,7 +103,7 @@ class Motors:
     order: tuple[int, ...]
     """(motors,) index of each motor's thruster among the vehicle's actuators"""
     signs: tuple[float, ...]
-    """(motors,) 1 if the thruster pushes along the sheet's direction above 1500 us, else -1"""
+    """(motors,) 1 if the thruster pushes along its direction in the sheet for PWM above 1500 us, else -1"""
 
     def forces(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
         """Return the thrusters' steady forces in N for PWM in us.

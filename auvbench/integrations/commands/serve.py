@@ -83,7 +83,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.integrations.ros2 import middleware
     from auvbench.runs import interruption
 
-    middleware.load()  # fails before anything is compiled
+    middleware.load()  # first, so that a missing ROS 2 is reported before anything is compiled
     server = _server(given)
     try:
         with interruption.deferred() as request:

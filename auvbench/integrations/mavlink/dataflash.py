@@ -60,7 +60,7 @@ not used.
 DEPTH_SCALE = 0.025
 """Relative difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
 FACTOR = 2.5
-"""Value of `Lasting.factor`; docs/identification.md names the dives on which it was chosen and the dives on which it was tested."""
+"""Value of `Lasting.factor`; docs/identification.md names the dives on which the value was chosen and the dives that tested it."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 

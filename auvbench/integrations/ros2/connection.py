@@ -1,8 +1,8 @@
 """Connect to a server, and move its N vehicles step by step with one of three clocks.
 
-`lockstep`: before each step, the server waits for a command to every actuator; after the step, it sends odometry with the time at
-the end of the step, so that the client notices a lost message. `clock`: the server's `/clock` ends a step. `wall`: this machine's
-clock ends a step, as in the original study.
+`lockstep`: before each step, the server waits for a command to every actuator; after the step, the server sends odometry with the
+time at the end of the step, so that the client notices a lost message. `clock`: the server's `/clock` ends a step. `wall`: this
+machine's clock ends a step, as in the original study.
 """
 
 from __future__ import annotations

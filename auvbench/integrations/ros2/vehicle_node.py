@@ -41,7 +41,7 @@ MEANING = {
 }
 
 FASTEST = 20.0
-"""largest component of a current, m/s; beyond it, the motion of some vehicles becomes infinite"""
+"""largest component of a current, m/s; in a faster current, the motion of some vehicles becomes infinite"""
 
 ALLOWED = {
     "start_pose": "7 doubles: x y z in -1e9 .. 1e9 m and a unit quaternion w x y z",
