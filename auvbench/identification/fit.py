@@ -67,7 +67,7 @@ class Fit:
     condition: float
     """Condition number of the Fisher information of the identified parameters, which are measured in prior standard deviations."""
     blocks: int
-    """Number of blocks of the bootstrap."""
+    """Number of blocks from which the bootstrap draws."""
     windows: Windows
     predicted: FloatArray
     """(n, m, 12) predicted states with the fitted parameters."""
@@ -177,7 +177,10 @@ def information(
     x: FloatArray,
     noise: Mapping[str, float],
 ) -> FloatArray:
-    """Return the Fisher information (n_p, n_p) of logs about normalised parameters at `x`; `noise` is the standard deviation by channel."""
+    """Return the Fisher information (n_p, n_p) of logs about the normalised parameters at `x`.
+
+    `noise` is the standard deviation of the residuals, by channel.
+    """
     windows = cut(logs, window_of(logs))
     residuals = Residuals(Predictor(windows, vehicle), parameters)
     residuals.sigma = np.array([noise[CHANNELS[k]] for k in residuals.channels])
@@ -284,9 +287,10 @@ def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray)
 
 
 def _bounded(covariance: FloatArray, bread: FloatArray) -> FloatArray:
-    """Return a covariance whose variances are at least the Gauss-Newton variances (of `bread`) and at most the prior variances.
+    """Return a covariance whose variances are at least the Gauss-Newton variances (in `bread`) and at most the prior variances.
 
-    The bounds are needed because the scatter is too small in a log with few blocks, and too large if the vehicle turns over in a block.
+    The bounds are needed because the scatter between blocks is too small if there are few blocks, and too large if the vehicle turns
+    over in a block.
     """
     variance = np.clip(np.diag(covariance), np.diag(bread), 1.0)
     ratio = np.sqrt(variance / np.diag(covariance))
@@ -345,7 +349,7 @@ def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropp
         at_bound = []
         for k in free:
             low, high = residuals.parameters[k].range(BOUND)
-            physical = not residuals.parameters[k].log  # its bound is physical, such as a delay of 0
+            physical = not residuals.parameters[k].log  # such a parameter has physical bounds, such as a delay of 0
             undamped = _undamped(residuals.parameters[k], float(x[k]))
             if not physical and not undamped and min(x[k] - low, high - x[k]) < 1e-3:
                 at_bound.append(k)

@@ -69,9 +69,9 @@ class Lasting:
     drift: FloatArray
     """(12,) growth of each channel's error, per s."""
     early: float
-    """Time in s by which the inputs of a piece of a window are early."""
+    """Time in s by which the inputs in one piece of a window are recorded too early."""
     all_early: float
-    """Time in s by which all inputs are early."""
+    """Time in s by which all inputs are recorded too early."""
     depth_scale: float
     """Relative error of heave velocity and of changes of height, for example by salt in the water."""
     factor: float = 1.0
@@ -93,7 +93,7 @@ class Log:
     kind: str
     """Kind of the inputs, one of `KINDS`."""
     actuators: tuple[str, ...]
-    """Names of the columns of `inputs`; if a log only numbers the thrusters, their numbers from 1."""
+    """Names of the columns of `inputs`; if a log only numbers its thrusters, names that contain these numbers, from 1."""
     inputs: FloatArray
     """(T, n_u) inputs of the actuators, or (T, 6) wrenches in body axes."""
     measured: FloatArray

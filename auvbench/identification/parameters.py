@@ -108,7 +108,7 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
         measured_voltage: whether the logs have the supply voltage, which is then not a parameter.
 
     Raises:
-        ConfigError: a name is unknown, the sheet's value for a name is zero, or a name is voltage although the logs have the voltage.
+        ConfigError: a name is unknown or has the value 0 in the sheet, or `names` contains voltage although the logs have the voltage.
     """
     present = known(vehicle)
     groups = {name.partition(".")[0] for name in present}

@@ -26,10 +26,10 @@ change more often."""
 LATEST = 1.7
 """Largest time error of inputs in standard deviations: sqrt(3) for a uniform error."""
 SMALL = 1e-3
-"""Step of finite differences, of states in SI units and of normalised parameters."""
+"""Step of finite differences: in SI units for states, and without a unit for normalised parameters."""
 FLIPPED = 1.0
-"""Largest change of a residual over a step `SMALL` that is used as a derivative. A larger change means that an attitude error of half a
-turn has changed its sign."""
+"""Largest change of a residual over a step `SMALL` from which a derivative is computed. A larger change means that an attitude error of
+half a turn has changed its sign."""
 LOST = 1e3
 """Error that replaces the error of a prediction that is not finite."""
 FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3

@@ -50,7 +50,7 @@ class Sender(Protocol):
     """effect of the will as text, for the supervisor's last line"""
 
     def ready(self) -> bool:
-        """Return whether the vehicle can receive."""
+        """Return whether the vehicle can receive commands."""
 
     def send(self, data: bytes) -> None:
         """Send one command of the pilot, or of the will, to the vehicle."""

@@ -108,8 +108,8 @@ class Motors:
     def forces(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
         """Return the thrusters' steady forces in N for PWM in us.
 
-        A force is positive along the thruster's direction in the sheet. PWM has shape (..., motors or more), and the
-        result (..., n_u).
+        A force is positive along the thruster's direction in the sheet. PWM has shape (..., motors or more); the
+        result has shape (..., n_u).
         """
         pulses = np.asarray(pwm, dtype=np.float64)
         out = np.zeros((*pulses.shape[:-1], len(self.vehicle.units)))

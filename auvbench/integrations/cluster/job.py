@@ -53,7 +53,7 @@ class Requeue:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    from auvbench.training import worker  # here, because the worker imports this module for `name`
+    from auvbench.training import worker  # imported here, because `worker` imports this module for `name`
 
     requeue = Requeue()
     code = worker.main(arguments)

@@ -181,7 +181,7 @@ def hydrodynamics_plugin(vehicle: VehicleModel, hydrodynamics: str, current: Flo
 def explicit_growth(vehicle: VehicleModel) -> float:
     """Return the growth factor per step of an acceleration error if added mass is an explicit force.
 
-    For M_RB a[k+1] = tau - M_A a[k], an error grows by the largest eigenvalue of M_RB^-1 M_A per step, for any
+    For M_RB a[k+1] = tau - M_A a[k], each step multiplies an error by the largest eigenvalue of M_RB^-1 M_A, for any
     step size.
     """
     return float(np.abs(np.linalg.eigvals(np.linalg.solve(vehicle.M_RB, vehicle.M_A))).max())
