@@ -40,7 +40,7 @@ class Estimate:
 
     parameter: Parameter
     x: float
-    """Normalised value."""
+    """Normalised value of the parameter, as in `Parameter.normalised`."""
     low: float
     """Lower end of the 95 % interval, in the parameter's unit; `high` is the upper end."""
     high: float
@@ -349,7 +349,7 @@ def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropp
         at_bound = []
         for k in free:
             low, high = residuals.parameters[k].range(BOUND)
-            physical = not residuals.parameters[k].log  # such a parameter has physical bounds, such as a delay of 0
+            physical = not residuals.parameters[k].log  # with a physical bound, such as a delay of 0
             undamped = _undamped(residuals.parameters[k], float(x[k]))
             if not physical and not undamped and min(x[k] - low, high - x[k]) < 1e-3:
                 at_bound.append(k)

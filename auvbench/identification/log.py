@@ -29,7 +29,7 @@ KINDS = {
 SHORTEST = 2.0
 """Shortest usable duration of a log in s."""
 FEWEST = 8
-"""Smallest number of rows of a log, and of measurements of a channel."""
+"""Smallest number of rows of a log or segment, and of measurements of the channel that is measured most often."""
 SLOWEST = 2.0
 """Longest median time in s between two rows; with longer times, a log misses changes of thrust and motion."""
 GAP = 10.0
@@ -242,7 +242,7 @@ def _check_measurements(log: Log) -> None:
 
 
 def _check_jumps(log: Log) -> None:
-    """Raise LogError for a step of position or attitude that no vehicle makes."""
+    """Raise LogError if position or attitude changes between two measurements by more than any vehicle can move."""
     for index in range(6):
         rows = np.flatnonzero(np.isfinite(log.measured[:, index]))
         steps = np.diff(log.measured[rows, index])

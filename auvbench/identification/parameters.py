@@ -126,8 +126,8 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
 def usual(vehicle: VehicleModel) -> list[str]:
     """Return the names that are fitted by default.
 
-    Mass and inertia are left out, because a log determines only their sums with added mass. Thrust is left out, because only known
-    forces (net buoyancy, weight) determine its scale.
+    Mass and inertia are left out, because a log determines only their sums with added mass. Thrust is left out, because a log
+    determines the scale of the thrust only by comparison with known forces (net buoyancy, weight).
     """
     return [
         *PER_AXIS,

@@ -131,7 +131,7 @@ def horizons(logs: Sequence[Log]) -> Windows:
 def validate(
     logs: Sequence[Log], vehicles: Sequence[tuple[str, VehicleModel, Identified | None]], *, seed: int = 0
 ) -> Validation:
-    """Return the prediction errors on logs: with the first state held, with constant velocity, and with each sheet.
+    """Return the prediction errors on logs if the first state is held, if the velocity stays constant, and with each sheet.
 
     Args:
         logs: logs of one vehicle.

@@ -131,14 +131,14 @@ def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
 
 
 def driven_pulse(pwm: int) -> bool:
-    """Return whether one channel's PWM in us drives a motor; `driven` does so for arrays."""
+    """Return whether one channel's PWM in us drives a motor; `driven` is the same function for arrays."""
     return SHORTEST < pwm < LONGEST
 
 
 def t200_force(pwm: ArrayLike, voltage: float = VOLTAGE) -> Floats:
     """Return the force in N of a T200 for PWM in us, in the shape of `pwm`.
 
-    The force is Blue Robotics' curve at 16 V, scaled by the voltage. The curve includes the dead band, 1472 to 1528 us.
+    The force is Blue Robotics' curve at 16 V, scaled in proportion to the voltage. The curve includes the dead band, 1472 to 1528 us.
     Without a pulse the force is 0.
     """
     table = t200_table()

@@ -139,7 +139,7 @@ class Mixer:
         return np.asarray(best)
 
     def sticks(self, axes: Floats, gain: float) -> Sticks:
-        """Return the fields of MANUAL_CONTROL that set the mixer's axes to `axes`, (6,), at a joystick gain."""
+        """Return the fields of MANUAL_CONTROL that set the mixer's axes to `axes` (6,) if the joystick gain is `gain`."""
         speed = FULL / gain
         whole = np.rint(
             [

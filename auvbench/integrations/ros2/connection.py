@@ -281,7 +281,7 @@ class Connection:
         self._due = 0.0  # the next step does not follow an earlier one
 
     def await_poses(self, indices: Sequence[int], poses: Floats) -> None:
-        """Wait until vehicles are near `poses` (k, 7), since the answer of a reset may arrive before the odometry after the reset."""
+        """Wait until vehicles are near `poses` (k, 7), since the answer to a reset may arrive before the first odometry after the reset."""
         which = list(indices)
         before = self._received[which].copy()
 

@@ -156,7 +156,7 @@ class Server:
         return ""
 
     def discard_commands(self, indices: Sequence[int]) -> None:
-        """Mark earlier commands as not new."""
+        """Mark the commands received so far as not new, so that lock-step waits for new commands."""
         self.new[list(indices)] = False
         self._missing = int(self.new.size - np.count_nonzero(self.new))
 
