@@ -24,7 +24,7 @@ from auvbench.untrusted.text import short
 DISTURBANCE = frozenset(field.name for field in dataclasses.fields(schema.Disturbance))
 """Keys of `disturbance` that every configuration has."""
 COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
-"""Kinds of parts for which a run's configuration has one group each, and whose choice changes the run's result."""
+"""Kinds of parts that change a run's result; the run's configuration has one group for each of these kinds."""
 CONFIGS = (
     algorithms.AgentConfig,
     tasks.TaskConfig,
@@ -74,7 +74,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
 
 
 def _complete_blocks(config: DictConfig, frozen: bool) -> None:
-    """Register the blocks of packages that `task.observation` names, and write their releases to `task.block_packages`.
+    """Register the packages' blocks that `task.observation` names; write each package's release to `task.block_packages`.
 
     Remove the key `task.block_packages` if no package provides a block.
 

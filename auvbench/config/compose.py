@@ -93,7 +93,7 @@ def _register_schemas(store: ConfigStore) -> None:
         ("filter", _schemas(FILTERS)),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in schemas.items()}
-    # Stored at the top level, so that the groups algo, launcher and simulator list only their own options.
+    # The schemas are stored outside of the groups, so that the groups algo, launcher and simulator list only their YAML files.
     store.repo |= {
         f"{name}.yaml": ConfigNode(f"{name}.yaml", _Schema(kind), group=None, package=None, provider=None)  # type: ignore[arg-type]
         for name, kind in kinds.items()
@@ -102,7 +102,7 @@ def _register_schemas(store: ConfigStore) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Schema:
-    """A schema in Hydra's store. Its node is built when Hydra first copies it, since most commands need few schemas."""
+    """A schema in Hydra's store. Its OmegaConf node is built only if Hydra copies the schema: most commands need few schemas."""
 
     kind: type
 
@@ -124,7 +124,8 @@ def _node(kind: type) -> DictConfig:
 
 class _Repository(ConfigRepository):
     def __deepcopy__(self, memo: dict[int, Any]) -> _Repository:
-        # Hydra only replaces the list of sources in its copy, so a shallow copy is enough; a deep copy would copy all schemas.
+        # Hydra copies the repository and then only replaces the copy's list of sources. So a shallow copy is enough; a deep copy
+        # would copy all schemas.
         return copy.copy(self)
 
 
@@ -191,13 +192,14 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
     if folder is not None and folder.is_dir():
         path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", f"{restricted_yaml.PACKAGE}://hydra.conf")
-    # Searched before "main", so that a file that a package and auvbench both have is found in the package and rejected.
+    # The folders of packages come before "main". If a package and auvbench have the same file, Hydra then finds the package's
+    # file, and `InstalledFiles` rejects it.
     for release, installed_folder in folders.packages():
         path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
     path.append("main", f"{restricted_yaml.PACKAGE}://{CONFIG_MODULE}")
     path.append("schema", "structured://")
     with _LOCK:
-        Plugins.instance()  # stores the plug-ins' schemas, only once: so before the store is copied
+        Plugins.instance()  # The first call stores the plug-ins' schemas, so call it before the store is copied.
         store, base = ConfigStore.instance(), version.VersionBase.instance()
         version_base, repository = base.version_base, store.repo
         store.repo = _copied(repository)
@@ -362,7 +364,7 @@ def _is_valid(own: Mapping[str, Any]) -> bool:
 
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
-    """Return a group of a configuration with its types but without its values; `key` is the key that chooses the part."""
+    """Return the types of a configuration's group without the values; `key` is the key that chooses the group's part."""
     kind = OmegaConf.get_type(config, key.partition(".")[0])
     if isinstance(kind, type) and issubclass(kind, complete.CONFIGS):
         return OmegaConf.structured(kind)
@@ -477,7 +479,7 @@ def read(
                 return Request(jobs, parsed.multirun or len(jobs) > 1, dry_run and parsed.dry_run)
     except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
-    # Printed outside of the `try`: if the pipe is closed, the OSError is not an error of the configuration.
+    # Print the text outside of the `try`, because the OSError of a closed pipe is not an error of the configuration.
     print(plain_lines(shown), end="")
     return None
 

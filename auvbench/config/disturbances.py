@@ -95,7 +95,7 @@ class GaussMarkov:
 
 @dataclass(kw_only=True)
 class CurrentProfile:
-    """Mean current over depth: linear between two depths, constant above and below."""
+    """Mean current as a function of depth: linear between two depths, constant above and below them."""
 
     top: float = number(0.0, 1e4)  # m, positive down
     bottom: float = number(0.0, 1e4, open_low=True)  # m, positive down
@@ -169,7 +169,7 @@ class Waves(Factor):
         return self.height > 0.0
 
     def check(self, key: str) -> None:
-        # Shortest period by DNV-RP-C205, section 3.5.5: steeper waves break.
+        # Shortest period by DNV-RP-C205, section 3.5.5: with a shorter period, waves of this height would break.
         least = 3.6 * math.sqrt(self.height)
         if self.active and self.period < least:
             raise ConfigError(
@@ -182,7 +182,7 @@ class Waves(Factor):
 
 
 def still() -> Waves:
-    """Return a schema without waves, for runs of earlier versions."""
+    """Return the schema that means no waves, for runs of earlier versions."""
     return Waves(height=0.0, period=7.5, spectrum="jonswap", direction=None, spreading=2.0)
 
 

@@ -67,7 +67,7 @@ def of_group(group: str) -> list[Traversable]:
 
 
 def options(group: str) -> list[str]:
-    """Return the valid names in `group=NAME`; Hydra, which is slow, is not used.
+    """Return the valid names in `group=NAME`, without the slow import of Hydra.
 
     >>> "thesis" in options("protocol")
     True

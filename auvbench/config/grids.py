@@ -1,10 +1,10 @@
-"""Compute the jobs of a grid: the union of an experiment's products, narrowed by the command line.
+"""Compute the jobs of a grid: the union of the Cartesian products in an experiment, narrowed by the command line.
 
 A grid maps keys to axes, for example `{algo: "sac,ppo", reward.k: "1,40,100"}`: 2 x 3 jobs. An experiment may
-have several grids, for example `{algo: pid}` as well. Rules for each key that is typed on the command line:
+have several grids, for example `{algo: pid}` as well. Rules for each key that the command line gives:
 
 * If no grid varies the key, it applies to all jobs; several values make it an axis.
-* Otherwise, the typed values replace the axis in each grid that varies the key. Values that only the axes of other grids
+* Otherwise, the values on the command line replace the axis in each grid that varies the key. Values that only the axes of other grids
   contain are left out, and a grid without a remaining value is dropped. Grids that do not vary the key stay
   unchanged. For example, `reward.k=40` selects K = 40 in the first grid above. The grid of PID does not vary K, so its
   job stays as the baseline.
@@ -41,7 +41,7 @@ class Job:
 
     config: DictConfig
     overrides: tuple[str, ...]
-    """overrides of the job: typed on the command line, or values from the grid"""
+    """overrides of the job, from the command line and from the grid"""
 
 
 Load = Callable[[tuple[str, ...], RunMode], DictConfig]
@@ -62,7 +62,7 @@ def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], mult
         line for line, item in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, item)
     )
     _refuse_several_grids(load, parsed)
-    # Values are set in each job, since only the job's files may have the key: `algo=sac,td3 algo.learning_starts=300`.
+    # Set values later, in each job. In `algo=sac,td3 algo.learning_starts=300`, only the files of a job's algorithm have the key.
     chosen = load(choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
         return [Job(single(loader, load, overrides), tuple(overrides))]
@@ -186,7 +186,7 @@ def _override(key: str, value: str) -> str:
 
 
 def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
-    """Apply the typed values to the grids by the rules in the module's docstring, and return the remaining grids."""
+    """Narrow the grids to the values on the command line, by the rules in the module's docstring; return the remaining grids."""
     varied = {key for grid in grids for key in grid}
     narrowed = []
     for grid in grids or [{}]:
@@ -202,9 +202,10 @@ def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
 
 
 def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
-    """Return the typed values that apply to a grid's axis.
+    """Return the values on the command line that apply to a grid's axis.
 
-    A typed value applies if the axis has it, or if no grid has it. A value that the axis has is returned as the axis writes it.
+    A value applies if this axis contains the value, or if no axis in `every` does. If the axis contains the value, the axis's
+    spelling of the value is returned.
     """
     own = {_plain(value): value for value in axis}
     values_of_grids = {_plain(value) for other in every for value in other}

@@ -122,7 +122,7 @@ def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any)
 
 
 def _value(shown: str, key: str, value: Any, node: Any) -> str:
-    """Return what is wrong if a value is of another kind (block of keys, list, single value) than the key's value; else ''."""
+    """Return what is wrong with a value of the wrong kind; '' if its kind (block of keys, list, single value) fits the key."""
     if isinstance(node, dict):
         return (
             ""

@@ -167,7 +167,7 @@ class Gnss:
 class Modem:
     """An acoustic modem that measures the range to a vehicle when it receives this vehicle's message.
 
-    The noise is that of the nanomodem in MARUS (see `config.tasks.formation`).
+    The noise is the noise of the nanomodem in MARUS (see `config.tasks.formation`).
     """
 
     noise: float = number(1e-3, 100.0)  # m
@@ -234,7 +234,7 @@ class Ekf(Navigation):
 
 @dataclass(kw_only=True)
 class Model:
-    """Keys of the velocity through the water that the vehicle's sheet predicts, and of the current."""
+    """Keys of model aiding: readings of the velocity through the water that the vehicle's model predicts, and the current as a state."""
 
     rate: float = number(0.01, FASTEST)  # Hz
     noise: float = number(1e-4, 10.0)  # m/s
@@ -248,7 +248,7 @@ class Model:
 class EkfModel(Ekf):
     """The extended Kalman filter with the horizontal current as two more states.
 
-    The filter uses the velocity that the vehicle's sheet predicts as an additional measurement.
+    The filter is aided by the vehicle's model: the predicted velocity through the water is an additional measurement.
     """
 
     model: Model
@@ -256,7 +256,7 @@ class EkfModel(Ekf):
 
 @dataclass(kw_only=True)
 class DeadReckoning(Navigation):
-    """Dead reckoning: the DVL's velocity, rotated by the attitude from gyros and compass, is summed over time."""
+    """Dead reckoning: integrate the DVL's velocity, rotated to world axes by the attitude from gyros and compass."""
 
     start: Start
     needs: ClassVar[tuple[str, ...]] = ("imu", "dvl", "depth", "heading")
@@ -364,7 +364,7 @@ def check(config: TrainConfig) -> None:
 
 
 def _check_alone(config: TrainConfig) -> None:
-    """Refuse a simulator without navigation sensors, and refuse `noise` and disturbances that add errors or delays to these sensors."""
+    """Refuse a simulator without navigation sensors, and refuse other sources of sensor errors: `noise` and some disturbances."""
     chosen = f"navigation={config.navigation.name}"
     if config.simulator.name != "fossen":
         raise ConfigError(

@@ -1,7 +1,7 @@
 """Read overrides before Hydra does, and translate errors of Hydra or OmegaConf into one line.
 
-Hydra's grammar rejects some whole numbers and texts that users type, so `read` rewrites them first. The line for an
-error names the key, the value and the closest valid name.
+Hydra's grammar rejects some whole numbers and texts that users type, so `read` rewrites them first. An error's
+line names the key, the value and the closest valid name.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.
 Compose = Callable[[Sequence[str]], DictConfig]
 
 INNER = (AssertionError, AttributeError, IndexError, KeyError, TypeError)
-"""Internal errors of Hydra if an override's key is below a single value, for example `hydra.sweeper.params.seed=1`"""
+"""Internal errors that Hydra raises if an override's key is below a single value, for example `hydra.sweeper.params.seed=1`"""
 
 FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError, *INNER)
 """Exceptions that Hydra raises for a mistake in an override or in a file of `./conf`"""
@@ -84,9 +84,9 @@ def read(overrides: Sequence[str]) -> list[str]:
 
 
 def _of_one_group(override: str) -> str:
-    """Return the error for a list of options of a group, of which Hydra would silently use only the last; '' if there is no error.
+    """Return the error for a list of a group's options, such as `task=[docking,transit]`; '' for any other override.
 
-    A list with an unknown option has its own error.
+    Hydra would silently use only the last option. A list with an unknown option is not an error here: Hydra rejects it later.
     """
     key, _, value = override.partition("=")
     names = re.fullmatch(r"\[\s*([\w./-]+(?:\s*,\s*[\w./-]+)*)\s*\]", value)
@@ -248,7 +248,10 @@ def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
 
 
 def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with the first invalid one of a key's comma-separated values; check at most eight, '' if they are valid."""
+    """Return what is wrong with the first invalid value among a key's comma-separated values; '' if all are valid.
+
+    At most eight values are checked.
+    """
     from auvbench.config.validate import train_config
 
     # Sweeps of other keys are left out: checking all combinations would take long.

@@ -142,11 +142,11 @@ NAMES = tuple(field.name for field in fields(Ranges))
 
 
 def key_of(block: str) -> str:
-    """Return the key below `task.range` that has a block's range sensor; '' for a block that is not of a range sensor."""
+    """Return the key below `task.range` that configures a block's range sensor; '' for a block without a range sensor."""
     name = block.removeprefix(PREFIX)
     return name if block.startswith(PREFIX) and name in NAMES else ""
 
 
 def oldest(sensor: Pinged) -> float:
-    """Return the bound in s of a reading's age in observations; an older reading has this age."""
+    """Return the largest age in s that an observation reports for a reading; an older reading is reported with this age."""
     return 1.0 / sensor.rate + sensor.delay + 1.0

@@ -151,7 +151,7 @@ def _is_ours(path: str, name: str) -> bool:
     try:
         ours = f"{name.removesuffix('.yaml')}_schema".encode() in reading.content(path)
     except (OSError, ValueError):
-        ours = True  # Hydra loads the file later, which reports what is wrong.
+        ours = True  # Hydra loads the file later, and then reports what is wrong with the file.
     if not ours:
         _pass_over(path)
     return ours

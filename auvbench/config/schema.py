@@ -176,7 +176,7 @@ class Analysis:
     margin: float | None = number(0.0, open_low=True)
     seeds: int | None = number(1, 1_000_000)
     protocol: str = later(name(), "test")
-    # conditions of the protocol that are reported; the verdicts are about the first one; null: all conditions
+    # conditions of the protocol that are reported; the verdicts are about the first condition; null: all conditions
     conditions: list[str] | None = None
     episodes: int | None = later(number(1, 1_000_000))  # episodes per condition; null: the protocol's number
 

@@ -13,8 +13,8 @@ from auvbench.config.schema import choice, number
 from auvbench.config.validate import structured
 
 UNIT_TOLERANCE = 1e-3
-"""Largest deviation of a quaternion's length from 1, so that four digits per component are accurate enough. Later, the
-quaternion is normalised.
+"""Largest accepted deviation of a quaternion's norm from 1. A quaternion with four digits per component is accepted, and
+normalised later.
 """
 
 

@@ -150,7 +150,7 @@ def check_world(simulator: Simulator, world: World) -> None:
 
 
 def check_filter(simulator: Simulator, chosen: Filter) -> None:
-    """Raise ConfigError if a filter of commands is chosen and the simulator has no solids, whose map the filter needs."""
+    """Raise ConfigError for a command filter with a simulator that cannot simulate solids: the filter needs a map of the solids."""
     if chosen.acts and not capabilities(simulator).solids:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(

@@ -160,7 +160,7 @@ class Field(Solid):
     def check(self) -> None:
         low, high = self.radius_low, self.radius_high
         below("world.radius_low", low, "world.radius_high", high)
-        # Discs thrown at random fill at most 0.547 of a plane (Feder, "Random sequential adsorption", 1980).
+        # Placing discs at random without overlap covers at most 0.547 of a plane (Feder, "Random sequential adsorption", 1980).
         room = math.pi * (0.5 * (low + high) + 0.5 * self.gap) ** 2
         most = 0.4 / room
         if self.density > most:

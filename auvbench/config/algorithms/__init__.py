@@ -1,4 +1,4 @@
-"""Define what the schemas of the `algo` group and the specs of agents have in common.
+"""Define the base classes of the schemas in the `algo` group, and the spec of an agent.
 
 Each of auvbench's own agents, or each family of agents, has one module here with schemas and specs (`AgentSpec`). Importing
 a module of this package imports no code of an agent.
@@ -94,7 +94,7 @@ class AgentSpec(Spec):
     pilots: bool = False
     """Whether `auvbench pilot` can use the agent: a controller whose code needs only NumPy and SciPy. Only for auvbench's own agents."""
     program: bool = False
-    """Whether the agent starts a program on this machine, which is not allowed in an entry (`auvbench submit`)."""
+    """Whether the agent starts a program on this machine; an entry (`auvbench submit`) must not contain an agent that does this."""
     settled: str = ""
     """`module:function` that adds the digest of the user's program to a configuration before the run gets its id. It takes
     the composed configuration and its checked `algo`, and returns the new configuration. Only for auvbench's own agents.

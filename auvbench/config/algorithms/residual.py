@@ -35,7 +35,8 @@ class Residual:
         """Check that exactly one controller is set.
 
         Raises:
-            ConfigError: no controller or several controllers are set, or the key `agent` of a controller has another name.
+            ConfigError: no controller or several controllers are set, or the controller's key `agent` has another value
+                than the controller's name.
         """
         names = list(self.bases)
         require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "have exactly one controller")
@@ -50,7 +51,7 @@ class Residual:
 
     @property
     def bases(self) -> dict[str, Algorithm]:
-        """Return the keys of each controller that is not null, by the controller's name."""
+        """Return the controllers that are not null: the controller's keys by the controller's name."""
         values = {name: getattr(self, name) for name in BASES}
         return {name: value for name, value in values.items() if value is not None}
 

@@ -1,4 +1,4 @@
-"""Define what the schemas of the `task` group and the specs of tasks have in common.
+"""Define the base classes of the schemas in the `task` group, and the spec of a task.
 
 Each of auvbench's own tasks has one module here, with the task's schema, metrics and spec. Importing a module of this
 package imports no code of a task.
@@ -44,10 +44,11 @@ class Task:
     time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
     position_frame: str = choice("world", "body")
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
-    # For each block of a package, the release of the package; `complete` writes this key.
+    # Release of the package that provides a block, by the block's name; `complete` writes this key.
     block_packages: dict[str, str] = field(default_factory=dict)
     history: int = later(number(1, 64), 1)
-    # Only keys of observed sensors; `complete` removes all other keys. A default of None would replace the values of `conf/range`.
+    # Keys of the observed range sensors; `complete` removes the keys of all other sensors. The default is not None, because None
+    # would replace the values of `conf/range`.
     range: Ranges | None = MISSING
 
     def __post_init__(self) -> None:

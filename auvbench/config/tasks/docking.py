@@ -34,7 +34,8 @@ class Docking(Tracked):
         feasible.refuse(self.start_low < self.clearance, "start_low", self, what, why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        # The bounds limit the distance from the dock, but the error is measured from the reference, up to `standoff` away.
+        # The bounds limit the distance to the dock. The position error is the distance to the reference, which is up to `standoff`
+        # from the dock.
         most = self.bounds + self.standoff + speed / frequency
         return most, most, most
 

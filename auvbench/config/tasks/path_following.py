@@ -45,10 +45,10 @@ class PathFollowing(Tracked):
 
     @property
     def overshoot(self) -> float:
-        """Return the largest distance in m by which the path leaves the depth range between two neighbouring points, up or down.
+        """Return the largest distance in m by which the path between two points rises above both points, or sinks below both.
 
-        A cubic Hermite curve leaves the range between its two ends by at most a quarter of the larger slope at the ends. In
-        a Catmull-Rom curve, the slope at a point is the mean of the two rises next to it.
+        A cubic Hermite curve leaves the interval between its two end values by at most a quarter of the larger end slope. In a
+        Catmull-Rom curve, the slope at a point is the mean of the rises before and after this point.
         """
         return 0.25 * self.spacing * math.sin(self.climb)
 

@@ -29,7 +29,7 @@ class Rendezvous(Docking):
         )
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        # In the last step the other vehicle may move away, too.
+        # In the last step, the vehicle and the dock may move apart, so their largest speeds add up.
         return super().farthest(speed + self.course_speed_high, seconds, frequency)
 
 

@@ -12,9 +12,9 @@ from auvbench.errors import ConfigError
 from auvbench.metrics import column
 
 RANDOM_HEIGHT = 0.3
-"""height of a random curve as a share of its size"""
+"""height of a random curve, as a share of the curve's size"""
 HELIX_CLIMB = 0.2 / math.hypot(1.0, 0.2)
-"""vertical speed of a reference on a helix as a share of its speed"""
+"""vertical speed of a reference on a helix, as a share of the reference's speed"""
 
 
 @dataclass(kw_only=True)
