@@ -89,7 +89,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _notes(differences: Sequence[Difference], confidence: float) -> list[str]:
-    """Return notes on what the intervals cover and assume."""
+    """Return notes on the intervals of the differences: confidence, covered sources of variance, and assumptions."""
     from auvbench.statistics.typical import FEWEST, trainings_needed
 
     covers = differences[0].difference.covers if differences else ""

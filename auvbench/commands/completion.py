@@ -64,7 +64,7 @@ HYDRA = {
 }
 """Commands whose overrides Hydra completes, each with its flags"""
 FILTERED = ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment")
-"""Keys that are completed after `--where`"""
+"""Keys that completion offers after `--where`"""
 
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--metric"), measure_names()),

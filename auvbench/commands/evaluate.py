@@ -102,7 +102,7 @@ def _sealed(overrides: Sequence[str]) -> Path | None:
 
 
 def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
-    """Reject keys of a run's configuration among the overrides of the test, and keys of the test among the terms of `--where`."""
+    """Reject keys at the wrong place: keys of a run's configuration before `--where`, and keys of the test after `--where`."""
     from auvbench.config.schema import TrainConfig
 
     for word in overrides:
@@ -175,7 +175,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:
-    """Return the runs to test and the incomplete runs. A damaged run is tested, since its test reports the damage."""
+    """Return the runs to test, and the incomplete runs. The runs to test include damaged runs, whose damage the test reports."""
     from auvbench.runs import status
 
     ready, unfinished = [], []

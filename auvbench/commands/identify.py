@@ -143,7 +143,7 @@ def logs_and_keys(
         arguments: words after the command.
         valid: keys that the command accepts.
         vehicle: form of the key `vehicle` in messages, for example `vehicle=NAME`.
-        meaning: text that follows `vehicle` in the message about a missing vehicle: what the sheets are for.
+        meaning: purpose of the sheets; the message about a missing vehicle contains this text after `vehicle`.
 
     Raises:
         UserError: no log, no vehicle, or a wrong word.

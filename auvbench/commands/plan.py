@@ -31,8 +31,8 @@ FAILURES = (0.1, 0.05)
 """failure rates of trainings for which the plan gives the number of seeds"""
 
 _Needs = Sequence[tuple[str, "Need"]]
-"""Needed seeds, each with the assumed spread between trainings: "" for the measured spread, "cautious" for the upper 90 % confidence
-limit of the spread
+"""Pairs of the assumed seed spread and the needed seeds; the spread is "" for the measured spread, or "cautious" for the upper
+90 % confidence limit of the measured spread
 """
 
 
@@ -139,7 +139,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     from auvbench.config.tasks import primary_of
     from auvbench.statistics import power
 
-    # --rates means the success rate unless another measure is named.
+    # With --rates, the default measure is the success rate, since --rates gives two rates.
     usual = "success_rate" if options.rates is not None else primary_of(DEFAULT_TASK)
     m = measure(usual if options.metric == PRIMARY else options.metric, "--metric")
     rates = None if options.rates is None else (options.rates[0] / 100, options.rates[1] / 100)
@@ -176,7 +176,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
 
 
 def _controller(agents: Sequence[Agent], against: str | None) -> bool:
-    """Return whether the baseline is a controller: as `--against` says, else as in a report of these agents."""
+    """Return whether the baseline is a controller. Without `--against`, take the default baseline of a report of these agents."""
     import numpy as np
 
     from auvbench.analysis.primary import default_baseline

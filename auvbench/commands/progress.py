@@ -55,7 +55,7 @@ class Bar:
         self.move(at.steps, str(at), f"{at.steps:,} of {at.total_steps:,} steps, {at}")
 
     def note(self, text: str, *, error: bool = True) -> None:
-        """Print a line above the bar; without a bar, print it to stderr, or to stdout if it is not an error."""
+        """Print a line above the bar. Without a bar, print an error to stderr, and any other line to stdout."""
         if self._bars is None:
             print(text, file=sys.stderr if error else sys.stdout, flush=True)
         else:

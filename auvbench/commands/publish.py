@@ -111,7 +111,7 @@ def _pictures(text: str) -> tuple[str, ...]:
 
 
 def _placeless(word: str) -> str:
-    """Return a word of the command without absolute paths: relative to the working directory, or only the last part of a path outside."""
+    """Shorten an absolute path in a word of the command: to a relative path, or outside the working directory to the path's last part."""
     flag, equals, value = word.partition("=")
     if flag.startswith("--") and equals:
         return f"{flag}={_placeless(value)}"

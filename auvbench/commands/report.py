@@ -50,7 +50,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     with storage(f"cannot write the report into {out}"):
         if len(reports) == 1:
             report, written = folder.write(reports[0], options, command, out, subjects=subjects)
-            for name in ("score.tex", "score.csv"):  # from an earlier report with several tasks
+            for name in ("score.tex", "score.csv"):  # files that an earlier report with several tasks wrote
                 (out / name).unlink(missing_ok=True)
             reports = [report]
         else:

@@ -48,7 +48,7 @@ class Row:
     error: str | None
     config: dict[str, Any] = field(
         default_factory=dict
-    )  # values by dotted key; of the vehicle sheet only its name
+    )  # values by dotted key; the name represents the vehicle sheet
 
     @property
     def progress(self) -> float:
@@ -130,7 +130,7 @@ def _experiments(path: Path) -> list[Path]:
 
 
 def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
-    """Return a row per run, and a line per run that cannot be read."""
+    """Return a table row for each readable run, and an error line for each run that cannot be read."""
     table_rows: list[Row] = []
     problems: list[str] = []
     for run in runs:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NOTHING = "none"
 WORDS = {"true velocities": "velocities"}
-"""For knowledge that a report and `--knows` name differently: the report's name, and the word of `--knows`"""
+"""Kinds of knowledge that a report and `--knows` name differently: name in the report -> word after `--knows`"""
 
 
 def parser() -> Parser:

@@ -108,7 +108,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
         else "complete: nothing to train"
     )
     print(f"{run.path}")
-    # Other protocols set `noise` or sensor errors, which a configuration with an estimator rejects.
+    # The default protocol sets `noise`, which a configuration with an estimator rejects; protocol=own does not.
     protocol = " protocol=own" if is_estimated(config) else ""
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}{protocol}")
     return 0

@@ -49,8 +49,8 @@ def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> No
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
     """Divide a command line into the words for Hydra, the ranges by key, and the fixed values by key.
 
-    A range of a key such as algo.tau is a dimension of the study. A list of options such as algo=ppo,sac makes several
-    studies; the list stays among the words for Hydra, and needs -m.
+    A range of a key such as algo.tau is a dimension of the study. A list of options such as algo=ppo,sac means
+    several studies, and needs -m; the list stays among the words for Hydra.
     """
     words: list[str] = []
     ranges: dict[str, str] = {}
@@ -169,7 +169,7 @@ def plan_of(
 
 
 def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
-    """Raise ConfigError if a typed value has no effect: the agent is not trained, and the protocol sets another value."""
+    """Raise ConfigError if a value on the command line has no effect, since the agent is not trained and the protocol sets the value."""
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import typed

@@ -49,7 +49,7 @@ def show(vehicle: VehicleModel, quantities: Sequence[Quantity] = ()) -> None:
         thrusters = [k for k, _ in vehicle.thrusters]
         names = [vehicle.actuators[k] for k in thrusters]
         title = f"allocation: wrench per newton, rank {inspect.rank(vehicle)} of 6"
-        # Transposed, so that eight thrusters fit into 80 columns.
+        # One row per thruster: even for eight thrusters, the table then has six columns of numbers and fits into 80 characters.
         console.print(_matrix(title, vehicle.allocation.T[thrusters], names, inspect.COMPONENTS))
         if thrusters:
             console.print("[bold]thrusters: what +1 N does[/bold]  (yaw in N m)")
@@ -91,7 +91,7 @@ def _text(text: str) -> str:
 
 
 _COMPONENTS = {(3,): ("x", "y", "z"), (6,): inspect.AXES}
-"""Names of the components of a list, by the list's shape; used if each component has its own range"""
+"""Names of a list's components, by the list's shape. The table uses the names only if each component has its own range."""
 
 
 def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
