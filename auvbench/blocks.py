@@ -38,8 +38,8 @@ PINGS = 4
 BODY_AXES = "body axes (forward, port, up)"
 
 READS = ("pose", "velocity", "action", "goal", "preview", "task", "team", "solids", "navigation")
-"""Data that a block may read. `action` is the action of the last step, and `goal` is a goal that differs from the reference. `task` are
-the fields that only one task defines, `solids` the bottom and obstacles of a world, and `navigation` the results of an estimator."""
+"""Data that a block may read. `action` is the action of the last step, and `goal` is a goal that differs from the reference. `task` means
+fields that only one task defines, `solids` the bottom and obstacles of a world, and `navigation` the results of an estimator."""
 
 
 class Reading(NamedTuple):
@@ -85,7 +85,7 @@ class BlockSpec(Spec):
     describe: Callable[[Setting], Block]
     """Function that returns the block's name, labels, unit, bounds, meaning and axes for a `Setting`."""
     reads: tuple[str, ...] = ("pose",)
-    """Entries of `READS` that `write` reads. A block that reads `task` is available only in tasks whose specs list the block."""
+    """Entries of `READS` that `write` reads. A block that reads `task` is available only in a task if the task's spec lists the block."""
     sensor: str = ""
     """`module:class` of the range sensor that writes the block; `write` is not called then. Empty for other blocks."""
     schema: None = None
@@ -124,10 +124,10 @@ def wrap(angle: float) -> float:
 
 
 def normals(m: Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
-    """Return four standard normal numbers for the noise of a block; on a pilot, return zeros, since its real sensors are noisy.
+    """Return four zeros as the noise of a block: a pilot adds no noise, since its real sensors are noisy.
 
-    This function is the pilot's version. Environments call a compiled version (`tasks.loops`), whose random numbers differ between
-    blocks, channels, steps, episodes and environments.
+    Environments call a compiled version of this function (`tasks.loops`) instead, which returns four standard normal numbers. These
+    numbers differ between blocks, channels, steps, episodes and environments.
     """
     return 0.0, 0.0, 0.0, 0.0
 
@@ -362,7 +362,7 @@ def _previous_action(s: Setting) -> Block:
 
 def _preview(s: Setting) -> Block:
     labels = tuple(f"preview_{point}_{axis}" for point in range(1, s.points + 1) for axis in "xyz")
-    # During the time of the preview, the reference may move at up to FASTEST.
+    # The last point of the preview may be as far ahead as a reference with the speed FASTEST moves until then.
     away = s.points * s.interval * FASTEST
     level, rise = _apart(s)
     meaning = f"reference in {s.interval:g} s, twice that, and so on, less position"

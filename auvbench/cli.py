@@ -126,7 +126,7 @@ def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        silence(sys.stdout)  # The reader of the pipe (head, less) closed it: not an error.
+        silence(sys.stdout)  # The reader of the pipe (head, less) closed the pipe: not an error.
     except (OSError, ValueError) as error:
         code = code or _failed(error, arguments)
         silence(sys.stdout)

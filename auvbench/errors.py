@@ -37,7 +37,7 @@ class VehicleError(UserError):
 
 
 class RunError(UserError):
-    """A run directory is missing, damaged, not auvbench's, or locked by another process."""
+    """A run directory is missing, damaged or locked by another process, or auvbench did not create it."""
 
 
 class ReportError(UserError):

@@ -47,7 +47,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def read_named_sheets(arguments: Sequence[str]) -> None:
-    """Check that the vehicle sheets that `vehicle=NAME` or `vehicle=A,B` names are valid YAML.
+    """Check that each vehicle sheet in `vehicle=NAME` or `vehicle=A,B` is valid YAML.
 
     Hydra's own error for broken YAML would lack file and line. Unknown names are ignored here, since Hydra reports them
     with the list of valid names.

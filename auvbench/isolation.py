@@ -138,7 +138,7 @@ class _Sheltered(MetaPathFinder):
 
 
 def _forget_numba_file(config: ModuleType) -> None:
-    """Keep numba from searching for a configuration file when it reloads its configuration."""
+    """Keep numba from searching for its configuration file when numba reloads the configuration."""
     setattr(config, "_config_fname", os.devnull)  # noqa: B010, for mypy: not a regular file, so never read
 
 

@@ -1,4 +1,4 @@
-"""Define the metrics of agents. Records, tables, page, LaTeX, docs and shell completion use these definitions.
+"""Define the metrics that describe agents and episodes, for records, tables, page, LaTeX, docs and shell completion.
 
 To add a metric, add one entry (docs/adding-a-metric.md): to METRICS for all tasks, or to a task's spec for this task only.
 This module imports nothing heavy, because shell completion imports it.
@@ -74,11 +74,11 @@ OPEN = "open"
 TRUTH = "truth"
 """value of `navigation.name` if agents observe the true state; the records then lack the columns about estimates"""
 LAST = "yaw_error_rms_rad"
-"""metric of METRICS after which files and tables have a task's own metrics by default"""
+"""metric of METRICS that a task's own metrics follow, by default, in files and tables"""
 
 Failed = Literal["", "high", "bounds", "time"]
-"""Source of a metric's value in a failed episode: "" the value that the task computes, "high" the metric's field `high`, "bounds"
-the value of `task.bounds` (m), "time" the time limit (s)
+"""Value of a metric in a failed episode: "" means the value that the task computes, "high" the metric's field `high`, "bounds" the
+value of `task.bounds` (m), and "time" the time limit (s)
 """
 
 
@@ -97,7 +97,7 @@ class Metric:
     kind: Kind = "episode"
     better: Literal["higher", "lower", ""] = "lower"
     latex: str = ""
-    """title in LaTeX, if the metric has a symbol there"""
+    """title in LaTeX, only for a metric whose title is a mathematical symbol there"""
     shown_unit: str | None = None
     """unit in tables, if it differs from the unit in files"""
     scale: float = 1.0
@@ -108,7 +108,7 @@ class Metric:
     tasks: tuple[str, ...] = ()
     """tasks that have the metric, filled in by `registered`; empty: all tasks"""
     after: str = LAST
-    """metric of METRICS after which files and tables have this metric, if it is a task's own"""
+    """for a task's own metric: metric of METRICS that this metric follows in files and tables"""
     worlds: tuple[str, ...] = ()
     """worlds that have the metric; empty: all, also open water"""
     navigation: tuple[str, ...] = ()
@@ -116,7 +116,7 @@ class Metric:
     filtered: bool = False
     """whether only runs with a filter of commands have the metric"""
     counts_failures: bool = False
-    """whether a failed episode counts as the worst value, not as the measured one"""
+    """whether a failed episode gets the worst value of the metric instead of the measured value"""
     failed: Failed = ""
 
     def is_of(self, task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False) -> bool:
@@ -189,7 +189,7 @@ def column(
         worlds: worlds that have the column; empty: all.
         navigation: values of `navigation.name` that have the column; empty: all.
         filtered: whether only runs with a filter of commands have the column.
-        counts_failures: whether a failed episode counts as the worst value, not as the measured one.
+        counts_failures: whether a failed episode gets the worst value of the metric instead of the measured value.
         failed: value of a failed episode, if the task does not compute it (`Failed`).
         after: metric that the column follows in files and tables.
     """

@@ -58,7 +58,7 @@ class ObservationSpec:
         return np.concatenate([np.ravel(values[name]) for name in self.blocks]).astype(np.float32)
 
     def card(self) -> list[dict[str, str]]:
-        """Return name, unit and meaning of each number, for the card of an exported policy."""
+        """Return name, unit and meaning of each number in the observation, for the card of an exported policy."""
         return [
             {"name": label, "unit": b.unit, "meaning": f"{b.meaning}, {b.axes}" if b.axes else b.meaning}
             for b in self.blocks.values()

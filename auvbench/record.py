@@ -13,7 +13,7 @@ ABORTED = "aborted"
 """Outcome of a pilot's mission that a person or a failsafe stopped; mission.json contains the reason."""
 
 PRIMARY = "primary"
-"""Value of configuration keys and flags that means: the measure that ranks the agents of a task (`primary_of`)"""
+"""Value of configuration keys and flags; it selects the measure that ranks the agents of a task (`primary_of`)"""
 
 Record = dict[str, float | int | str]
 
@@ -24,7 +24,7 @@ def columns(*kinds: Kind) -> tuple[str, ...]:
 
 
 def measured() -> tuple[str, ...]:
-    """Return the columns of kind `scenario` or `episode`. Their values are finite numbers, and a row may lack a value."""
+    """Return the columns of the kinds `scenario` and `episode`. Each row has a finite number or no value in such a column."""
     return columns("scenario", "episode")
 
 

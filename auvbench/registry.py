@@ -1,12 +1,12 @@
 """Register all parts that are chosen by name: auvbench's own parts, and the parts of installed packages.
 
 Each part of a kind (agents, tasks, ...) has a line `name = module:object`. The lines of auvbench's own parts are the tables below;
-the lines of a package are the entry points of one group. The object is a spec. It contains all that auvbench must know about the
-part before it imports the part's code: name, title, the schema of its configuration, and `module:object` of the code.
+the lines of a package are the entry points of one group. The object is a spec. A spec contains all that auvbench must know before
+it imports the part's code: the part's name, title, schema and `module:object` of the code.
 
-auvbench loads no other code, in particular no path or code that a configuration or a run directory names. It imports a package when
-one of the package's parts is chosen. Two rules hold only for parts of packages: the package's release belongs to a run's identity,
-and auvbench always checks the results of the package's code.
+auvbench loads only code that these lines and specs name, and never code that a configuration or a run directory names. It imports a
+package when one of the package's parts is chosen. Two rules hold only for parts of packages: the package's release belongs to a
+run's identity, and auvbench always checks the results of the package's code.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Spec:
 
     __slots__ = ()
     base: ClassVar[type] = object
-    """Class from which a package's schema must be derived."""
+    """Class that a package's schema must be derived from."""
 
     name: str
     """Name of the part: the value in the configuration that chooses it."""
@@ -131,7 +131,7 @@ class Kind(Mapping[str, S], Generic[S]):
         group: group of the entry points of packages.
         key: configuration key that chooses a part, for example `task.name`; for commands, `auvbench COMMAND`.
         spec: `module:class` of the specs.
-        own: `module:spec` by name, for the parts in auvbench's core; the constructor adds the parts of its integrations.
+        own: `module:spec` by name, for the parts in auvbench's core; the constructor adds the parts of auvbench's integrations.
     """
 
     def __init__(self, group: str, key: str, spec: str, own: Mapping[str, str]) -> None:
@@ -190,7 +190,7 @@ class Kind(Mapping[str, S], Generic[S]):
         return points[0] if points else None
 
     def missing(self, name: str, release: str) -> ConfigError:
-        """Return the error for a configuration whose package is not installed in the recorded version."""
+        """Return the error for a configuration that records a package's release, if this release is not installed."""
         point = self.find(name)
         now = "is not installed" if point is None else f"{point.release} is installed"
         return ConfigError(
