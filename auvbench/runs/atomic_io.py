@@ -50,7 +50,7 @@ def storage_error(error: OSError, what: str) -> TrainingError:
 
 @contextmanager
 def storage(what: str) -> Iterator[None]:
-    """Replace an `OSError` that the `with` block raises by the `TrainingError` of `storage_error`."""
+    """Convert an `OSError` in the `with` block to the `TrainingError` that `storage_error` returns."""
     try:
         yield
     except OSError as error:
@@ -80,7 +80,7 @@ def check_writable(path: Path, typed: str) -> None:
 
 
 def fsync(path: Path) -> None:
-    """Flush the content of a file, or the names in a directory, to the disk."""
+    """Flush a file's content, or the file names in a directory, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -135,7 +135,7 @@ def create_atomic(path: Path, data: bytes) -> bool:
         os.link(staged, path)
     except FileExistsError:
         return False
-    except OSError:  # On a file system without hard links the last writer wins.
+    except OSError:  # On a file system without hard links, the file of the last writer remains.
         os.replace(staged, path)
     finally:
         staged.unlink(missing_ok=True)

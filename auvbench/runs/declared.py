@@ -2,8 +2,8 @@
 
 `analysis.yaml` is in the folder of the runs and in the folder of a published study. It names the measure,
 baseline, margin, protocol, conditions and every run. The runs are listed in stages: runs that are declared later form
-a new stage with its own date. The manifest of each run records the digest of the declaration as it was when the run was
-created. A report can therefore tell what was declared before the first run. The declaration is not part of a
+a new stage with its own date. When a run is created, its manifest records the digest of the declaration at this
+time. A report can therefore tell what was declared before the first run. The declaration is not part of a
 run's identity: a run may belong to several analyses.
 
 Declarations that earlier versions of auvbench wrote name only the measure, baseline, margin and number of seeds.
@@ -34,7 +34,7 @@ KEY = "analysis"
 """Key of the analysis in a configuration, and key of the analysis digest in a manifest"""
 REPORT, ROWS = "report", "rows"
 SMALLEST = 1e-12
-"""Smallest margin"""
+"""Smallest valid margin, in the measure's unit"""
 HEADER = "# The analysis that auvbench report uses for these runs; docs/report.md explains the keys.\n"
 
 
@@ -92,7 +92,7 @@ class Declared:
         return digests[1:] or digests
 
     def stage_of(self, run: str) -> tuple[Stage, str] | None:
-        """Return the stage that declares a run and the stage's digest; None if the run is not declared."""
+        """Return the stage in which a run was declared, with the digest up to this stage; None if the run is not declared."""
         for stage, digest in zip(self.rows, self.digests, strict=False):
             if any(run in ids for ids in stage.runs.values()):
                 return stage, digest
@@ -114,7 +114,7 @@ class Declared:
 
 
 EARLIER = ("measure", "baseline", "margin", "seeds")
-"""Fields of every declaration, also if an earlier version of auvbench wrote it"""
+"""Fields of every declaration, including declarations that earlier versions of auvbench wrote"""
 LATER = ("protocol", "conditions", "episodes", "scenario_seed")
 KNOWN = tuple(f.name for f in fields(Declared))
 

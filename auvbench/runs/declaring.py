@@ -18,9 +18,9 @@ UNDISTURBED = "nominal"
 
 
 def completed(analysis: schema.Analysis) -> Declared:
-    """Return the declaration of an analysis, still without runs.
+    """Return the declaration of an analysis, without runs.
 
-    The protocol supplies the scenario seed, and the conditions and episodes if the analysis does not give them.
+    The scenario seed comes from the protocol. The conditions and episodes come from the protocol if the analysis gives none.
 
     Raises:
         ConfigError: the protocol or a condition is unknown.
@@ -49,7 +49,7 @@ def completed(analysis: schema.Analysis) -> Declared:
 def declare_all(
     analyses: Mapping[Path, Declared], configs: Mapping[Path, Mapping[str, Any]], now: str
 ) -> dict[Path, str]:
-    """Declare runs in the folders of their experiments; return, by run folder, the digest to record in the run's manifest.
+    """Declare runs in the folders of their experiments; return the digests that the runs' manifests must record, by run folder.
 
     Args:
         analyses: analysis by run folder; runs without an analysis are left out.

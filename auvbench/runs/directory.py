@@ -61,9 +61,7 @@ class RunDirectory:
 
     @property
     def id(self) -> str:
-        """Return the id in the manifest, since the folder may have been renamed. Without a valid manifest, return the
-        folder's name.
-        """
+        """Return the id in the manifest; without a valid manifest, return the folder's name, which the user can change."""
         if not self._id:
             try:
                 recorded = str(integrity.read(self.manifest_path, integrity.Manifest)["id"])
@@ -163,7 +161,7 @@ class RunDirectory:
         """
         for draft in self.model.glob(
             ".*"
-        ):  # temporary files of an earlier attempt that was killed, or lost power, while it wrote them
+        ):  # temporary files that a kill or power cut left while an earlier attempt wrote the model
             draft.unlink(missing_ok=True)
         for name, data in files.items():
             write_atomic(self.model / name, data)
@@ -224,7 +222,7 @@ def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = 
     try:
         make_folder(run.path)
         run.write_config(config)
-        # If two sweeps start at the same time, the second must not overwrite a manifest that a worker of the first has updated.
+        # If two sweeps start at the same time, the second sweep must not overwrite a manifest that the first sweep's worker has updated.
         create_atomic(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
         )

@@ -26,7 +26,7 @@ FILE = "history.jsonl"
 LONGEST = 4096
 """Largest line in bytes"""
 Event = Literal["running", "complete", "failed", "interrupted", "tested", "declared"]
-"""State that a run has entered, `tested` for a test of a run, or `declared` for the declaration of runs"""
+"""Kind of a line: the state that a run has entered, `tested` for a test of a run, or `declared` for the declaration of runs"""
 STARTED: Event = "running"
 TESTED: Event = "tested"
 DECLARED: Event = "declared"

@@ -99,7 +99,7 @@ REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
 """Keys that, when set, replace another key; the value of the replaced key is left out of the hash."""
 
 DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
-"""Entries of a vehicle sheet that only describe its numbers: a better citation does not change the vehicle."""
+"""Entries of a vehicle sheet that only describe the sheet's numbers; for example, another citation does not change the vehicle."""
 
 
 def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -120,7 +120,7 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
             node.pop(REPLACED[key].partition(".")[2], None)
     algo = values.get("algo")
     if isinstance(algo, dict) and not learns(algo, unknown=True):
-        values.pop("train", None)  # Without learning, the budget changes nothing.
+        values.pop("train", None)  # An agent that does not learn ignores the training budget.
     return values
 
 
@@ -203,7 +203,7 @@ def mismatch(config: Mapping[str, Any], id: str) -> str:
 
 
 def first_interpolation(config: Mapping[str, Any]) -> str:
-    """Return the first text with an interpolation `${...}` in a configuration, as `key is text`; '' without one."""
+    """Return the first value with an interpolation `${...}` in a configuration, as `KEY is VALUE`; '' without an interpolation."""
     waiting: list[tuple[str, Any]] = [("", config)]
     while waiting:
         path, node = waiting.pop()

@@ -1,8 +1,8 @@
 """Compute and check the digests of files.
 
-The manifest of a run and the summary of a test each have a table `files`: path in their folder -> size in bytes and
-SHA-256. They also have a `seal`, the SHA-256 of all other entries. When a file is read, its digest is checked. A flipped
-bit in a file, a digest or another entry is therefore detected.
+The manifest of a run and the summary of a test each have a table `files`, which maps each file's path to its size in bytes
+and SHA-256. The manifest and the summary also have a `seal`, the SHA-256 of all other entries. When a file is read, its
+digest is checked. A flipped bit in a file, a digest or another entry is therefore detected.
 
 Digests detect accidents but not tampering: a person who changes a file can also change its digest.
 """
@@ -248,7 +248,7 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One condition of a test. Its rates and means have no fields here, since readers compute them from the test's rows."""
+    """One condition of a test. The file also has rates and means, but readers compute these numbers from the test's rows."""
 
     name: Name
     episodes: Annotated[int, Range(1)]

@@ -1,4 +1,4 @@
-"""Turn Ctrl-C and SIGTERM into a request to save and exit, so that they do not end the process in the middle of a step.
+"""Turn Ctrl-C and SIGTERM into a request to save and exit, so that no signal ends the process in the middle of a step.
 
     with interruption.deferred() as request:
         while training:
@@ -37,7 +37,7 @@ def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when the thread of `parent` that forked it ends (Linux only)."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # The parent ended before the request.
+    if os.getppid() != parent:  # The parent ended before `prctl` was called, so the kernel sends no signal.
         os.kill(os.getpid(), signal.SIGKILL)
 
 
@@ -45,7 +45,7 @@ def prefer_in_memory_shortage() -> None:
     """Ask the kernel to kill this process rather than its parent when memory runs out (Linux only)."""
     try:
         Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
-    except OSError:  # Not Linux, or not allowed: the kernel's own choice remains.
+    except OSError:  # On other systems, or without permission, the kernel's default choice remains.
         return
 
 

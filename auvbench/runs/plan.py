@@ -114,7 +114,7 @@ def plan(config: DictConfig) -> Plan:
     if settled := WORLDS[checked.world.name].settled:
         config = resolve(settled)(config, checked.world)
     values = resolved(config)
-    values.pop(declared.KEY, None)  # not part of the run: stored in the folder of the experiment
+    values.pop(declared.KEY, None)  # the analysis belongs to the experiment's folder
     if interpolation := identity.first_interpolation(values):  # An escaped \${ in a value becomes ${.
         raise ConfigError(f"{interpolation}: a run's configuration must not contain ${{ }}")
     return Plan(checked, values)

@@ -55,7 +55,7 @@ def start_server(preload: Sequence[str]) -> None:
     stop_server()
     environment = dict(os.environ)
     os.environ |= isolation.ENVIRONMENT
-    resource_tracker.ensure_running()  # started before the signals are blocked, since its start unblocks them
+    resource_tracker.ensure_running()  # start it before the signals are blocked: it unblocks them
     os.environ |= ONE_THREAD | {COMMAND: str(os.getpid()), MODULES: ",".join(preload)}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, interruption.SIGNALS)
     try:
@@ -128,7 +128,7 @@ class Pool:
     ) -> Iterator[tuple[K, T | WorkerDiedError]]:
         """Yield the key and the result of each job as the jobs end.
 
-        When a worker dies, the active jobs are repeated one by one, since any of them may be the cause. A job
+        When a worker dies, all active jobs are repeated one by one, since any active job may have killed the worker. A job
         whose worker dies a second time yields a `WorkerDiedError`; the other jobs continue.
 
         Args:

@@ -69,7 +69,7 @@ class EpisodeLog:
 
 
 WINDOW = 100
-"""Number of training episodes over which success rate and return are averaged."""
+"""Number of most recent training episodes over which success rate and return are averaged."""
 
 TELLING = 30
 """Smallest number of episodes for which a success rate is shown."""
@@ -151,7 +151,7 @@ def duration(seconds: float) -> str:
 
 
 def to_go(seconds: float) -> str:
-    """Return e.g. `3 h 10 min to go, until 17:05`; if the end is not today, the day comes before the time."""
+    """Return e.g. `3 h 10 min to go, until 17:05`; if the run does not end today, the text has the day before the time of day."""
     now = datetime.now().astimezone()
     end = now + timedelta(seconds=seconds)
     return (

@@ -64,8 +64,8 @@ def git() -> dict[str, Any]:
         return done.stdout.strip()
 
     changed = ask("status", "--porcelain", "--untracked-files=no")
-    # A new file in these folders is read or imported, so it counts as a change. A new file elsewhere is a note or a
-    # result.
+    # auvbench reads or imports a new file in these folders, so this file is a change of the checkout. A new file elsewhere is
+    # only a note or a result.
     added = ask("status", "--porcelain", "--untracked-files=all", "--", "auvbench", "conf")
     dirty = None if changed is None or added is None else bool(changed or added)
     return {"commit": ask("rev-parse", "HEAD"), "dirty": dirty}

@@ -3,8 +3,8 @@ of overrides.
 
     --where vehicle=rexrov reward.k=1,40 algo!=random
 
-A filter selects the runs that match every term. A term with `=` matches a run that has one of the values, a term with
-`!=` a run that has none of them.
+A filter selects the runs that match every term. A term with `=` matches a run that has one of the listed values. A term with
+`!=` matches a run that has none of the listed values.
 Keys are the configuration's keys, and `state`, `id` and `experiment`; `algo` is short for `algo.name`. Values
 may contain the wildcards `*` and `?`.
 """

@@ -15,7 +15,7 @@ from auvbench.runs.directory import RunDirectory
 
 
 class State(StrEnum):
-    """The states of a run, in the order of its life."""
+    """State of a run; the values are in the order in which a run reaches them."""
 
     PENDING = "pending"
     RUNNING = "running"
