@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 Like = tuple[Any, ...]
-"""Algorithm, task and number of environments: runs that have these in common have about the same cost per step."""
+"""Algorithm, task and number of environments. Runs with the same three values have about the same cost per step."""
 
 
 @dataclass(frozen=True, slots=True)

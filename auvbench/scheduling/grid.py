@@ -51,8 +51,8 @@ TODO = (Action.RESUME, Action.START, Action.RETRY)
 """Actions that train a run."""
 
 LISTED = 12
-"""Largest number of runs with the same action that are listed by name. All damaged runs are listed, since the user must
-look at each of them.
+"""Largest number of runs that are listed by name for each action. Damaged runs are all listed, since the user must look at
+each damaged run.
 """
 
 
@@ -79,7 +79,7 @@ def step_of(
     if action is Action.LEAVE:
         if backend.adopt(run.path) is None:
             return Step(run, action, f"by {present.holder}")
-        action = Action.RESUME  # A job of this backend works on the run: the sweep waits for this job.
+        action = Action.RESUME  # The run is locked by a job of this backend; the sweep waits for this job.
     detail = ""
     if action is Action.RETRY:
         why = (manifest.get("error") or {}).get("message", "no reason given")

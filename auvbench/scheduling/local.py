@@ -99,7 +99,7 @@ class LocalBackend:
         return job
 
     def adopt(self, run: Path) -> LocalJob | None:
-        return None  # Workers do not outlive the sweep that started them.
+        return None  # No job of an earlier sweep exists: a sweep's workers end with the sweep.
 
     def wait(self, seconds: float) -> None:
         self._jobs = [job for job in self._jobs if not job.poll().ended or job.status.lost]
@@ -121,7 +121,7 @@ class LocalBackend:
 
 
 def _await_server() -> None:
-    with contextlib.suppress(EOFError, OSError):  # The first job that starts raises the same error.
+    with contextlib.suppress(EOFError, OSError):  # The start of the first job raises the same error.
         process = pool.CONTEXT.Process(target=int)
         process.start()
         process.join()

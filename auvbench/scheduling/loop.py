@@ -107,7 +107,7 @@ class Backend(Protocol):
         """Return after `seconds`, or earlier if the status of a job may have changed."""
 
     def close(self) -> None:
-        """Stop what the backend itself started; jobs of an external cluster continue."""
+        """Stop the processes that the backend itself started; jobs of an external cluster continue."""
 
 
 _FOREIGN = (AgentError.__name__, PluginImportError.__name__)
@@ -206,7 +206,7 @@ class Loop:
             except SubmitError:
                 if not self.active:
                     raise
-                return  # perhaps a limit of the cluster: try again when a job has ended
+                return  # perhaps the cluster limits the number of jobs: try again when a job has ended
             except OSError as error:  # the run's directory is gone or not writable
                 self.waiting.popleft()
                 self._settle(run, Outcome.FAILED, f"could not be started: {error}")
@@ -280,7 +280,7 @@ class Loop:
 
 
 def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tuple[Outcome, str]:
-    """Return the outcome of a run whose job has ended; if the worker could not record a failure in the manifest, record it."""
+    """Return the outcome of a run whose job has ended; if the worker failed without recording it in the manifest, record the failure."""
     manifest = run.manifest()
     state = manifest["state"]
     if finished(run, manifest):
@@ -310,7 +310,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     except lock.RunHeldError as held:
         if (
             job.mark is not None and held.holder.job == job.mark
-        ):  # the job's node died, and the file server has not yet freed the lock
+        ):  # the job's node died, and the file server has not yet freed the lock of this job
             return Outcome.FAILED, message
         return Outcome.HELD, f"{message}; taken over by {held.holder}"
     except (RunError, OSError) as error:

@@ -110,7 +110,7 @@ class View:
             # The beginning of an id describes the run, and the hash at its end identifies it.
             name = run.id if len(run.id) <= LONGEST else f"{run.id[: LONGEST - 10]}…{run.id[-9:]}"
             row.bar = self.bars.add_task(name, total=total, completed=row.done, now=row.state)
-        if job.mark:  # a cluster's job outlives this process, so the user needs its name
+        if job.mark:  # a cluster's job may run longer than this process, so the user needs the job's name
             self.event(f"{run.id}: {Phase.QUEUED} as {job}")
 
     def polled(self, run: RunDirectory, phase: Phase) -> None:
