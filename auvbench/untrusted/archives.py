@@ -4,8 +4,8 @@
 gigabytes. The functions here therefore check the sizes in the archive's directory first; Python's `zipfile` never returns
 more bytes than the directory declares.
 
-Weights, and the arrays of a policy or a checkpoint, are read in this process. They may have up to 2 GiB, and a separate
-process would need this memory a second time. This is acceptable because of the two readers: `torch.load` with
+This process, not a sandbox, reads weights and the arrays of a policy or a checkpoint. These may have up to 2 GiB, and a
+separate process would need this memory a second time. Reading them here is safe because of the two readers: `torch.load` with
 `weights_only=True` unpickles only tensors and decompresses nothing, and `numpy.load` parses files in Python, not in C.
 """
 
@@ -69,7 +69,7 @@ def weights(data: bytes) -> dict[str, Any]:
     """
     import torch
 
-    if (declared := sum(_sizes(data))) > len(data):  # torch does not compress
+    if (declared := sum(_sizes(data))) > len(data):  # torch.save does not compress
         raise ValueError(f"it would unpack to {declared:,} bytes, more than the size of the file")
     try:
         loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)

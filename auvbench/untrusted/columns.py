@@ -125,7 +125,7 @@ def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     table = table[names]
     types = dict(zip(names, table.dtypes, strict=True))
     plain = [name for name in names if schema[name] is NUMBER and types[name].kind in "if"]
-    # One comparison of all columns of numbers is fast. It is False for NaN or a large number: then each column is checked.
+    # One comparison of all columns of numbers is fast. If a value is NaN or too large, each of these columns is checked below.
     if (np.abs(table[plain].to_numpy(dtype=np.float64)) <= LARGEST).all():
         names = [name for name in names if name not in plain]
     values = {name: _values(name, table[name], schema[name]) for name in names}

@@ -17,8 +17,8 @@ from auvbench.errors import RunError
 from auvbench.untrusted.text import short
 
 GROWING = "train"
-"""Folder whose files auvbench appends to. If another hard link to such a file exists, an append changes that file too. All
-other files are replaced by renaming, which does not change a file under another hard link.
+"""Folder with files to which auvbench appends. Appending would also change the content under a second hard link to the file,
+so `refuse_links` rejects such a link. Other files are replaced by renaming, which leaves a second hard link unchanged.
 """
 
 LONGEST = 255
@@ -67,7 +67,7 @@ def refuse_links(run: Path | str) -> None:
     Raises:
         RunError: the folder contains a link, a pipe or a device, or a file in `GROWING` has a second hard link.
     """
-    waiting = [str(run)]  # a stack, because folders may be nested deeper than Python's recursion
+    waiting = [str(run)]  # a stack, because folders may be nested deeper than Python's recursion limit
     while waiting:
         try:
             entries = sorted(os.scandir(waiting.pop()), key=lambda entry: entry.name)

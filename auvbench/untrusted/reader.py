@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 HEADER = 4 * 1024**2
-"""largest size in bytes of the head of a message: JSON with the note and the description of the arrays"""
+"""largest size in bytes of a message's head, which is JSON with the note and the description of the arrays"""
 ARRAY = 32 * 1024**2
 """Largest size in bytes of an array of an .npz; the positions of an episode take about ten thousand bytes"""
 SMALL = 64 * 1024
@@ -179,7 +179,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _texts(values: Any) -> Arrays:
-    """Return a column of texts as codes (-1: missing text), the distinct texts concatenated in UTF-8, and their ends."""
+    """Return a column of texts as codes (-1: missing text), the distinct texts as one UTF-8 string, and the end of each in bytes."""
     encoded = values.unify_dictionaries().combine_chunks()
     if not hasattr(encoded, "indices"):  # pyarrow has returned a chunked array
         encoded = encoded.chunk(0) if encoded.num_chunks else None
@@ -195,7 +195,7 @@ def _texts(values: Any) -> Arrays:
 
 
 def paths(channel: socket.socket, data: bytes, condition: str, episodes: list[int] | int) -> None:
-    """Send the arrays `<name>_<condition>_<episode>` of an .npz, for the listed episodes or for the first `episodes` ones."""
+    """Send the arrays `<name>_<condition>_<episode>` of an .npz, for the listed episodes, or for the first n if `episodes` is n."""
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         named = re.compile(rf"([a-z_]+)_{re.escape(condition)}_(\d{{1,15}})")
         episode_of = {name: int(match[2]) for name in archive.files if (match := named.fullmatch(name))}
@@ -219,7 +219,7 @@ def policy(channel: socket.socket, data: bytes) -> None:
     options.inter_op_num_threads = 1
     options.log_severity_level = 4  # errors are raised; nothing else is printed
     options.use_deterministic_compute = True
-    # Optimisations that do not change any number; stronger ones trade digits for speed.
+    # The basic optimisations do not change any number; stronger optimisations lose digits for speed.
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
     session = onnxruntime.InferenceSession(
         data, options, providers=["CPUExecutionProvider"], enable_fallback=0

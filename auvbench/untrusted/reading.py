@@ -173,7 +173,7 @@ def _check_events(data: bytes) -> None:
 
 
 def _check_key(event: yaml.ScalarEvent, resolver: Any) -> None:
-    """Reject a key that YAML does not read as text: `on` and `yes` would be the same key, true."""
+    """Reject a key that YAML does not read as text: YAML reads `on` and `yes` as the same key, true."""
     import yaml
 
     tag = resolver.resolve(yaml.ScalarNode, event.value, event.implicit)

@@ -66,8 +66,8 @@ class Child:
     Args:
         job: `TABLE`, `PATHS` or `POLICY`.
         data: content of the file.
-        seconds: limit of processor time for the file, and then for each answer, in s; the limit of wall time is
-            `PATIENCE` times this.
+        seconds: limit of processor time in s, first for the file and then for each answer. The limit of wall time is
+            `PATIENCE` times as long.
         options: options of the job.
 
     Raises:
@@ -230,7 +230,7 @@ class _Server:
                 ask()
                 answer = self._control.recv(reader.PID.size)
             except BaseException:
-                self._control.close()  # otherwise the next request would read this request's answer
+                self._control.close()  # without closing, the next request would read this request's answer
                 raise
             if not answer:
                 raise BrokenPipeError

@@ -41,7 +41,7 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
         options |= {"dtype": dict.fromkeys(words, str), "na_values": MISSING, "keep_default_na": False}
     try:
         table: pd.DataFrame = pd.read_csv(io.BytesIO(data), **options)
-        # pandas has read a text such as "nan" as missing: in a text column it must stay a text.
+        # pandas has read a text such as "nan" as a missing number. In a text column, restore the text.
         if any(table[name].isna().any() for name in words if name in table):
             options["na_values"] = {name: MISSING for name in table if name not in words}
             table = pd.read_csv(io.BytesIO(data), **options)
