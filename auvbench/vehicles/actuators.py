@@ -1,5 +1,6 @@
-"""Define the kinds of actuators: a class for each kind, which reads the kind's part of a sheet and has its compiled
-coefficients, units and warnings.
+"""Define the kinds of actuators, one class per kind.
+
+A class reads the kind's part of a sheet, and provides units, warnings and the coefficients for the compiled functions.
 
 A new kind needs a class here, an entry in `KINDS`, and its force in `dynamics/appendages.py`
 (docs/adding-an-actuator.md).
@@ -35,7 +36,7 @@ class Actuator:
     code: ClassVar[int]
     """Number of the kind in the compiled functions"""
     output: ClassVar[str]
-    """Unit of the curve's values"""
+    """Unit of the values that the static curve gives"""
 
     name: str
     curve: Curve
@@ -58,7 +59,7 @@ class Actuator:
 
     @property
     def rest(self) -> FloatArray:
-        """Return the state of the actuator's dynamics after a long time at command 0; empty without dynamics."""
+        """Return the steady state of the actuator's dynamics at command 0; empty for an actuator without dynamics."""
         if self.resting is not None:
             return self.resting
         neutral = float(self.curve(0.0))
@@ -341,7 +342,7 @@ def _gains(document: Document, at: Keys, names: Sequence[str]) -> dict[str, floa
 
 
 def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]:
-    """Return unit vectors by actuator: the sheet's vectors, or for the key `angles` the x axis of a link with these angles."""
+    """Return unit vectors by actuator: the sheet's vectors or, for the key `angles`, the x axes of links with the sheet's angles."""
     where = (*at, key)
     if key == "angles":
         directions = {}

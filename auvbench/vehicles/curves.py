@@ -23,7 +23,7 @@ class Curve:
     table: FloatArray = field(default_factory=lambda: np.zeros(0))  # values at equally spaced commands
     coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # coefficients of a^0, a^1, ...
     neutral: float = 0.0  # value at command 0 of a linear curve
-    voltage: float = 0.0  # supply voltage of a T200's table, V; 0: the curve does not depend on it
+    voltage: float = 0.0  # supply voltage of a T200's table, V; 0: the curve does not depend on a voltage
 
     @property
     def code(self) -> int:
@@ -121,7 +121,7 @@ class Lag:
     def transfer_function(cls, numerator: ArrayLike, denominator: ArrayLike) -> Lag:
         """Return the lag whose transfer function is a ratio of polynomials in s, highest power first.
 
-        The states are scaled by powers of the natural frequency, so that each has the magnitude of the input.
+        The states are scaled by powers of the natural frequency, so that each state has the magnitude of the input.
         """
         den = np.asarray(denominator, dtype=np.float64)
         order = den.size - 1
@@ -157,7 +157,7 @@ class Lag:
 
 @cache
 def t200_table() -> dict[str, FloatArray]:
-    """Return Blue Robotics' public T200 measurements at 16 V (September 2019): columns for pulse widths of 1100 to 1900 us."""
+    """Return Blue Robotics' public T200 measurements at 16 V (September 2019): one row per pulse width, 1100 to 1900 us."""
     path = resources.files("auvbench.vehicles") / "data" / "t200_16v.csv"
     with path.open(encoding="utf-8") as lines:
         rows = np.loadtxt((line for line in lines if not line.startswith("#")), delimiter=",", skiprows=1)

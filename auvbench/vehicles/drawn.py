@@ -138,8 +138,8 @@ class DrawnVehicles:
 def held(vehicle: VehicleModel) -> tuple[str, ...]:
     """Return the names of the parameters that stay at their estimates.
 
-    These are the delay, the lag unless all thrusters have a first-order lag, and the voltage unless a thruster's curve
-    depends on it.
+    The delay always stays at its estimate. The lag stays unless all thrusters have a first-order lag. The voltage stays unless
+    the curve of at least one thruster depends on the voltage.
     """
     thrusters = [unit for _, unit in vehicle.thrusters]
     lagged = all(unit.lag.order == 1 and unit.rate == 0.0 for unit in thrusters)
@@ -164,9 +164,9 @@ def _strengths(supply: float) -> tuple[FloatArray, FloatArray]:
 
 
 def changed(vehicle: VehicleModel, change: Any, gains: FloatArray) -> VehicleModel:
-    """Return a copy of a vehicle with a record of `layout.CHANGE`, and factors (n_u,) on the thrusters' forces, applied to it.
+    """Return a copy of a vehicle, changed by a record of `layout.CHANGE` and by factors (n_u,) on the thrusters' forces.
 
-    The factor on lags in the record is not applied.
+    The record's factor on the lags is ignored.
     """
     inertia, added = np.sqrt(change["inertia"]), np.sqrt(change["added_mass"])
     mass = float(change["mass"])

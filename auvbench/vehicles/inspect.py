@@ -145,7 +145,7 @@ class Reach:
     force: float  # N or N m, largest force or moment
     speed: float  # m/s or rad/s, terminal speed by thrust alone
     speed_with_buoyancy: (
-        float  # m/s, terminal speed by thrust and B - W along heave; equal to `speed` on other axes
+        float  # m/s, terminal speed by thrust and net buoyancy along heave; equal to `speed` on other axes
     )
     rise_time: float  # s from rest to 63 % of the speed
     bollard_force: float  # N, largest force if moments need not be balanced; equal to `force` for rotations
@@ -190,12 +190,11 @@ def linear_time_constants(vehicle: VehicleModel) -> dict[str, float | None]:
 
 
 def shortest_time_constant(vehicle: VehicleModel) -> float:
-    """Return the shortest time constant of damping in s, infinite without damping; the physics step must
-    resolve it.
+    """Return the shortest time constant of damping in s; infinite without damping.
 
-    The result is one over the largest eigenvalue of M^-1 dF/dnu for the damping force F = (D_l + D_q |nu|)
-    nu. The speed nu along each axis is the terminal speed under the sum of all thrusters, the net buoyancy
-    and the largest righting moment along that axis.
+    The physics step must be short enough for this time constant. The result is one over the largest eigenvalue of
+    M^-1 dF/dnu for the damping force F = (D_l + D_q |nu|) nu. Each component of nu is the terminal speed along its axis,
+    under the sum of all thrusters' forces, the net buoyancy and the largest righting moment along this axis.
     """
     return _time_constant(vehicle, 1.0, abs(net_buoyancy(vehicle)), static_trim(vehicle).moment)
 
@@ -211,7 +210,7 @@ def shortest_drawn_time_constant(
     Args:
         vehicle: vehicle of the sheet.
         drawn: lowest and highest factor on mass, buoyancy, inertia, added_mass, damping and thrust.
-        keep_trim: whether the buoyancy first changes by as much as the weight, before the factor on buoyancy is applied.
+        keep_trim: whether a change of the weight changes the buoyancy by the same force, before the factor on buoyancy applies.
     """
     (light, heavy), (low, high) = drawn["mass"], drawn["buoyancy"]
     corners = []
@@ -282,7 +281,7 @@ def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
     for k in range(8):
         step = np.zeros(8)
         step[k] = h
-        # The steady thrust cancels in the difference. |nu| nu is differentiable at 0 with slope 0.
+        # The central difference cancels the steady thrust. It is valid at nu = 0, where |nu| nu has the slope 0.
         J[2:, k] = (acceleration(x0 + step) - acceleration(x0 - step)) / (2.0 * h)
     return J
 

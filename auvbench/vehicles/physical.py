@@ -34,7 +34,7 @@ class PhysicalCommands:
         for unit in vehicle.units:
             low, high = _reach(unit.curve)
             factor = 2.0 ** math.ceil(math.log2(max(-low, high, 1e-300)))
-            # A polynomial, since at command 0 a linear curve would have the sheet's neutral value.
+            # The curve is a polynomial: a linear curve would give the sheet's neutral value, not 0, at command 0.
             plain = Curve(
                 "polynomial",
                 (-factor, factor),
@@ -68,7 +68,7 @@ class PhysicalCommands:
         return np.asarray(self.quantities(np.array([values]))[0])
 
     def quantities(self, values: FloatArray) -> FloatArray:
-        """Return the quantities for `values` of the curves, (n, n_u), so that converting them back loses no bit.
+        """Return the quantities for `values` of the curves, (n, n_u), such that the conversion back to `values` is exact to the last bit.
 
         A rotor's thrust is quadratic in its speed, so two different speeds in float64 have different thrusts in float64.
         Each conversion uses extended precision and is rounded once, so the conversion back gives the speed to the last bit.

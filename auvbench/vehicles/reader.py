@@ -89,7 +89,7 @@ def _compose(entry: Traversable, label: str, heirs: tuple[str, ...] = ()) -> Doc
     Args:
         entry: file of the sheet.
         label: name of the file in messages.
-        heirs: labels of the sheets that inherit from this one, which therefore cannot be its parents.
+        heirs: labels of the sheets that inherit from this sheet; no heir can be a parent of this sheet.
     """
     document = Document(_parse(entry, label), label)
     parents = document.data.pop("defaults", [])
@@ -180,9 +180,9 @@ class Document:
 
     data: dict[str, Any]
     label: str
-    """Name of the file, or of the vehicle of a composed configuration"""
+    """Name in messages: the sheet's file, or the vehicle of a composed configuration"""
     used: set[str] = field(default_factory=set)
-    """Keys of the sources that the quantities read so far have named"""
+    """Keys of the sources that are named by the quantities read so far"""
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
         """Raise a `VehicleError` that names `path` and the rule."""
@@ -252,7 +252,7 @@ class Document:
             )
 
     def number(self, path: Keys, unit: str, low: float = -math.inf, above: float = -math.inf) -> float:
-        """Return a sourced number, at least `low` and greater than `above`."""
+        """Return a sourced number after checking that it is at least `low` and greater than `above`."""
         value = float(self.quantity(path, unit))
         if value < low:
             self.fail((*path, "value"), f"{value:g} {unit} is out of range: it must be at least {low:g}")

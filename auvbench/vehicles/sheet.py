@@ -30,7 +30,7 @@ SHORTEST = 1e-5
 
 
 DEFAULT = "bluerov2_2026"
-"""Default sheet of `auvbench pilot`; the same vehicle as in conf/train.yaml"""
+"""Default sheet of `auvbench pilot`; conf/train.yaml has the same default vehicle"""
 
 
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
@@ -213,7 +213,7 @@ def _hydrodynamics(
 
 
 def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -> tuple[bool, str]:
-    """Return whether added mass has a Coriolis term, and the release of Gazebo's plugin that has this term; '': Fossen's term."""
+    """Return whether added mass has a Coriolis term, and the release of the Gazebo plugin whose term is used; '': Fossen's term."""
     at = ("hydrodynamics", "added_mass_coriolis")
     value = section.get("added_mass_coriolis", True)
     if isinstance(value, Mapping):

@@ -64,7 +64,7 @@ def telegraph(
     for number, axis in enumerate(axes):
         push = direction(vehicle, axis)
         at, sign = number * share, 1.0
-        if number == 0:  # A log starts at rest, so that the state at its start is known.
+        if number == 0:  # The vehicle is at rest when a log starts, so that the initial state is known.
             at = min(round(NEUTRAL / INTERVAL), rows // 2)
         while at < (number + 1) * share:
             hold = max(1, round(float(generator.uniform(SHORT, LONG)) / INTERVAL))

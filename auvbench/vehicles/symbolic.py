@@ -1,6 +1,6 @@
 """Build the equations of `dynamics/equations.py` as CasADi expressions from a vehicle's sheet.
 
-These are for methods that need derivatives of the motion: model predictive control and time-optimal bounds.
+The expressions are for methods that need derivatives of the motion: model predictive control and time-optimal bounds.
 The unit tests compare a step of these equations with a step of the compiled kernel, for every vehicle with only
 thrusters.
 
@@ -91,8 +91,9 @@ class SymbolicModel:
     """
 
     def step(self, duration: float, substeps: int) -> Any:
-        """Return the function (state, input, current) -> state after `duration` s by RK4; it normalises the
-        quaternion after each substep.
+        """Return the function (state, input, current) -> state after `duration` s.
+
+        The function integrates by RK4, and normalises the quaternion after each substep.
         """
         ca = require()
         x0, u, c = ca.SX.sym("x", self.n_x), ca.SX.sym("u", self.n_u), ca.SX.sym("c", 3)
@@ -173,7 +174,7 @@ def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, cur
     nu' solves M_RB nu' + C_RB nu + M_A (nu' - nu_c') + C_A nu_r + D nu_r + g = tau.
     """
     w, x, y, z = q[0], q[1], q[2], q[3]
-    # Fossen 2011, eq. 2.65; without dividing by the quaternion's norm, as in the kernel.
+    # Fossen 2011, eq. 2.65. Like the kernel, this code does not divide by the quaternion's norm.
     R = ca.vertcat(
         ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),

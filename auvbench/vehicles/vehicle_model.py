@@ -37,7 +37,7 @@ class VehicleModel:
     linear_damping: FloatArray  # (6,) N s/m, N m s
     quadratic_damping: FloatArray  # (6,) N s2/m2, N m s2
     units: tuple[Actuator, ...]
-    controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
+    controllable: tuple[str, ...] = ()  # degrees of freedom that the thrusters must command independently
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
     own_hull: tuple[float, float] | None = None  # m, radius and length of the sheet's hull
