@@ -79,6 +79,12 @@ def summary(outcome: Outcome) -> list[str]:
         lines.append(f"Importance: {listed([f'{key} {100 * share:.0f} %' for key, share in shares])}.")
     if edges := at_the_edge(outcome):
         lines.append(edges)
+    if budgets := outcome.uninformative:
+        later = [str(budget) for budget in outcome.plan.budgets if budget > budgets[-1]]
+        lines.append(
+            f"After {budgets[-1]:,} steps all trials have the same score, so their pruning chose nothing. Use larger budgets: "
+            f"tune.rungs=[{','.join(later)}]"
+        )
     return lines
 
 

@@ -245,6 +245,19 @@ class Trials:
     def best(self) -> FrozenTrial | None:
         return next(iter(self.ranked), None)
 
+    @property
+    def uninformative(self) -> tuple[int, ...]:
+        """Return the budgets at which pruning chose nothing, because all trials have the same score."""
+        scores = [
+            [t.intermediate_values[budget] for t in self.trials if budget in t.intermediate_values]
+            for budget in self.plan.budgets[:-1]
+        ]
+        return tuple(
+            budget
+            for budget, of_trials in zip(self.plan.budgets[:-1], scores, strict=True)
+            if len(of_trials) > self.plan.tune.reduction and len(set(of_trials)) == 1
+        )
+
     def algo(self, trial: FrozenTrial) -> dict[str, Any]:
         """Return the plain values of `algo` for a trial."""
         return with_values(self.plan.base["algo"], self.plan.dimensions, trial.params)

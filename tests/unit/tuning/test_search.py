@@ -155,6 +155,18 @@ def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path: Path) 
     assert search.best is None
 
 
+def test_a_budget_at_which_all_trials_have_one_score_is_named() -> None:
+    study = optuna.create_study()
+    whole = Trials(plan(), study)
+    for number in range(5):
+        study.add_trial(create_trial(state=TrialState.PRUNED, intermediate_values={10: -60.0}))
+        assert whole.uninformative == ((10,) if number > 1 else ())
+    study.add_trial(create_trial(state=TrialState.PRUNED, intermediate_values={10: -60.0, 30: -50.0}))
+    assert whole.uninformative == (10,)
+    study.add_trial(create_trial(state=TrialState.PRUNED, intermediate_values={10: -59.0}))
+    assert whole.uninformative == ()
+
+
 @pytest.mark.slow
 def test_the_best_has_the_largest_budget_before_the_best_score() -> None:
     def trial(number: int, *values: float) -> FrozenTrial:
