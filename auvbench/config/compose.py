@@ -161,7 +161,7 @@ class _Loader(ConfigLoaderImpl):
 
 
 def _strip_defaults(node: Any) -> None:
-    """Remove the key `defaults` from each node that Hydra marked for this when it read the node's file."""
+    """Remove the key `defaults` from `node` and its descendants wherever Hydra set the flag HYDRA_REMOVE_TOP_LEVEL_DEFAULTS."""
     if not isinstance(node, DictConfig) or node._is_missing() or node._is_none():
         return
     if node._get_flag("HYDRA_REMOVE_TOP_LEVEL_DEFAULTS"):

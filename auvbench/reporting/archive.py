@@ -50,7 +50,7 @@ def write(
         protocols: protocols to write. Episodes of the first protocol get all columns in full precision; episodes of
             the other protocols get the compact table (`COMPACT`).
         trajectories: whether to write the stored trajectories of the first protocol.
-        compact: whether to write the compact table for the first protocol, too, and to leave out training episodes.
+        compact: if true, the first protocol's episodes also get only the compact table, and training episodes are left out.
 
     Returns:
         One text for each item that was left out.

@@ -267,8 +267,9 @@ def _attitude(plan: Plan, S: Floats, d: Floats) -> Iterator[tuple[float, Floats,
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
 
     def along(*parts: Floats | float) -> tuple[Floats, Floats]:
-        """Return a function's change (N,) from the nodes' deviations and its slopes (N, n); `parts` are the function's
-        derivatives with respect to w, x, y and z.
+        """Linearise a function of the nodes' attitudes: return its change (N,) by the deviations `d`, and its derivatives (N, n).
+
+        `parts` are the function's partial derivatives with respect to w, x, y and z.
         """
         own = np.stack(np.broadcast_arrays(*parts, w)[:4])
         return np.einsum("ck,kc->k", own, d[1:, 3:7]), np.einsum("ck,kcn->kn", own, S[1:, 3:7])

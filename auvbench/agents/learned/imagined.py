@@ -74,9 +74,9 @@ class Prediction:
 
 
 def moved(states: Tensor, dt: float) -> tuple[Tensor, Tensor]:
-    """Return the displacement (H, ..., 3) in m and the turn of the yaw (H, ...) in rad since the start, along motions.
+    """Integrate motions: return the displacement (H, ..., 3) in m and the change of yaw (H, ...) in rad since the start.
 
-    The displacement is in the level axes of the start: forward, to port and up.
+    The displacement is in level axes with the yaw of the start: forward, to port and up.
 
     Args:
         states: (H + 1, ..., 9) velocity in m/s, angular velocity in rad/s and direction of gravity, body axes.

@@ -336,7 +336,7 @@ def _reliability(primary: Primary, m: Measure) -> str:
 
 
 def remarks(ranking: Ranking) -> list[str]:
-    """Return notes on rows that are not compared, budgets, successful and failed trainings, and cautions."""
+    """Return notes on rows that are not compared, unequal budgets, and successful and failed trainings; then the cautions."""
     lines = []
     if not all(row.compared for row in ranking.rows):
         lines.append(

@@ -94,7 +94,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("sent", "f8"),  # s, sending time of the last message that is heard from a beacon
     ("measured_range", "f8"),  # m
     ("range_position", "f8", _V),  # m, present estimate of the receiver's position at the sending time
-    ("beacon", "f8", _V),  # m, the beacon's estimate of the beacon's position at the sending time
+    ("beacon", "f8", _V),  # m, position of the beacon at the sending time, as the beacon itself estimated it
     ("stated", "f8", (3, 3)),  # m2, covariance of the beacon's estimate
     ("beacon_sent", "f8", (MOST,)),  # s, sending time of the last range to each beacon; -1: no range yet
     # Values of each sensor
