@@ -202,7 +202,8 @@ def test_the_studies_are_few_and_small_files() -> None:
     counts = Counter(path.relative_to(ROOT / "results").parts[0] for path in files)
     # README, declaration, runs, rows, three tables, history, a figure for each section, policies.
     assert max(counts.values()) <= 13, counts
-    assert sum(path.stat().st_size for path in files) < 15_000_000
+    # Each task of suite-2026 adds half a megabyte.
+    assert sum(path.stat().st_size for path in files) < 18_000_000
 
 
 @pytest.mark.parametrize("name", STUDIES)
