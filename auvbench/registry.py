@@ -240,7 +240,7 @@ class Kind(Mapping[str, S], Generic[S]):
         return thing
 
     def forget(self) -> None:
-        """Remove the registered specs of packages, for tests and for programs that install packages."""
+        """Unregister all specs that came from packages. Tests and programs that install packages at run time need this."""
         for spec in self.entered.values():
             spec.leave()
         self.entered.clear()

@@ -65,7 +65,7 @@ def newest() -> dict[str, ScenarioSet]:
 
 
 def name_of(fingerprint: str) -> str:
-    """Return the name of the set with a fingerprint; '' if no set has it.
+    """Return the name of the scenario set to which `fingerprint` belongs; '' if it belongs to no set.
 
     >>> name_of("0123456789abcdef")
     ''

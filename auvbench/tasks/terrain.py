@@ -38,7 +38,7 @@ DEEPEST = 1e4
 
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
-    """Draw the course and the yaw at the start; return the yaw."""
+    """Draw the course of the line and the vehicle's initial yaw; return the initial yaw."""
     course, turn, _, _ = drawn(e, stream, 0)
     e.reference_yaw = wrap(2.0 * math.pi * course)
     put(e.start, triple(p.start))

@@ -267,7 +267,7 @@ def _attitude(plan: Plan, S: Floats, d: Floats) -> Iterator[tuple[float, Floats,
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
 
     def along(*parts: Floats | float) -> tuple[Floats, Floats]:
-        """Linearise a function of the nodes' attitudes: return its change (N,) by the deviations `d`, and its derivatives (N, n).
+        """Linearise a function of the nodes' attitudes: return its change (N,) due to the deviations `d`, and its slopes (N, n).
 
         `parts` are the function's partial derivatives with respect to w, x, y and z.
         """
