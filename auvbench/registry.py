@@ -481,7 +481,7 @@ KINDS: tuple[Kind[Any], ...] = (
 
 
 def forget() -> None:
-    """Remove all registered parts of packages and clear the cached lists of packages, for tests and for programs that install packages."""
+    """Remove all registered parts of packages and clear the cached lists of packages, which tests and programs that install packages at run time need."""
     for kind in KINDS:
         kind.forget()
     forget_packages()

@@ -53,7 +53,7 @@ def write(
         compact: if true, the first protocol's episodes also get only the compact table, and training episodes are left out.
 
     Returns:
-        One text for each item that was left out.
+        One message for each run whose validation or training episodes are damaged and therefore left out.
 
     Raises:
         OSError: a file cannot be read or written.

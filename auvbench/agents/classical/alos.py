@@ -69,7 +69,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
 
 
 class Guidance(Estimator):
-    """Estimator of the motion of N vehicles, with the ALOS guidance law and its learned angles."""
+    """ALOS guidance law for N vehicles, with an estimator of their motion; it learns crab angle and angle of attack."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         assert isinstance(config.algo, ALOS)
