@@ -5,8 +5,9 @@ from __future__ import annotations
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from benchmarks.timing import best, command, loop_rate
 from benchmarks.worlds import worlds
 
 Row = tuple[str, str, str, str]
+K = TypeVar("K", bound=Hashable)
 FREQUENCY = 25.0
 SUBSTEPS = 4  # of 0.01 s in one step at 25 Hz
 
@@ -47,6 +49,12 @@ def _stepper(batch: Batch, clock: Callable[[], float] = time.perf_counter) -> fl
         batch.step(actions[turn[0] % 8])
 
     return best(step, seconds=1.0, clock=clock)
+
+
+def _fastest(batches: Mapping[K, Batch]) -> dict[K, float]:
+    """Return the processor seconds of one step of each batch, measured alternately, since the load of a machine changes."""
+    rounds = [{name: _stepper(batch, time.thread_time) for name, batch in batches.items()} for _ in range(3)]
+    return {name: min(seconds[name] for seconds in rounds) for name in batches}
 
 
 def environments() -> Iterator[Row]:
@@ -73,11 +81,7 @@ def tasks() -> Iterator[Row]:
     )
     words = f"vehicle={vehicle}", f"step.frequency={FREQUENCY}"
     batches = {task: Batch(configuration(f"task={task}", *words), n) for task in TASKS}
-    rates = dict.fromkeys(batches, 0.0)
-    for _ in range(3):  # alternate the cases, since the load of a machine changes
-        rates |= {
-            task: max(rates[task], n / _stepper(batch, time.thread_time)) for task, batch in batches.items()
-        }
+    rates = {task: n / seconds for task, seconds in _fastest(batches).items()}
     for task, rate in rates.items():
         yield (
             f"environment steps, {task}, {vehicle}, N = {n}",
@@ -94,10 +98,7 @@ def teams() -> Iterator[Row]:
         batches = {
             size: Batch(configuration(*words, f"task.vehicles={size}"), rows // size) for size in (1, 4)
         }
-        rounds = [
-            {size: _stepper(batch, time.thread_time) for size, batch in batches.items()} for _ in range(3)
-        ]
-        one, four = (min(times[size] for times in rounds) / rows for size in batches)
+        one, four = (seconds / rows for seconds in _fastest(batches).values())
         yield (
             f"vehicle step in a team of four, formation, N = {rows}",
             f"{four / one:.2f}",
@@ -151,8 +152,7 @@ def disturbances() -> Iterator[Row]:
     batches = {
         name: Batch(configuration(f"step.frequency={FREQUENCY}", f"disturbance={name}"), n) for name in names
     }
-    rounds = [{name: _stepper(batch, time.thread_time) for name, batch in batches.items()} for _ in range(3)]
-    fastest = {name: min(found[name] for found in rounds) for name in names}
+    fastest = _fastest(batches)
     for name in names[1:]:
         yield (
             f"environment steps, disturbance={name}, N = {n}, one thread",

@@ -192,9 +192,8 @@ def _read_run(directory: Path) -> _Read:
         run = _record(RunFolder(directory), manifest, config)
         if run.state == "running":
             at = status.of(RunDirectory(directory), manifest)
-            run = replace(
-                run, state=str(at.state), manifest={**manifest, **progress.newest(directory, manifest)}
-            )
+            newest = progress.newest(progress.read(directory), manifest)
+            run = replace(run, state=str(at.state), manifest=manifest | newest)
         return run, []
     except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]

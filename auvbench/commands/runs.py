@@ -149,8 +149,8 @@ def _row(run: RunDirectory) -> Row:
     now: Mapping[str, Any] = manifest
     wall = float(manifest["wall_time_s"])
     if at.state in (State.RUNNING, State.INTERRUPTED):
-        now = progress.newest(run.path, manifest)
         last = progress.read(run.path)
+        now = progress.newest(last, manifest)
         if last is not None and at.holder is not None and at.holder.since:
             wall += max(0.0, last.time - datetime.fromisoformat(at.holder.since).timestamp())
     error = manifest.get("error") or {}

@@ -97,7 +97,7 @@ def _of_one_group(override: str) -> str:
         return ""
     hint = (
         f"; for several (a grid) type auvbench train -m {key}={','.join(options)}"
-        if options[1:]
+        if options[1:] and key not in suggestions.OF_COMMANDS
         else f"; type {key}={options[0]}"
     )
     return f"{override}: takes one name{hint}"

@@ -79,7 +79,8 @@ class Moving:
 
     episode: Replay
     space: list[Any]
-    """Lines in the 3-D view: path, nose, position of the moving reference, and the paths of the other vehicles of a team, each with a marker at its end"""
+    """Lines in the 3-D view: path, nose, position of the moving reference, and the paths of the other vehicles of a team,
+    each with a marker at its end"""
     above: list[Any]
     """The same lines in the view from above"""
     distance: Any

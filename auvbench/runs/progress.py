@@ -121,19 +121,15 @@ def read(run: Path) -> Progress | None:
         return None
 
 
-def newest(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the steps, episodes and success rate that a run recorded last.
+def newest(progress: Progress | None, manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the steps, episodes and success rate that a run recorded last, in its progress file or in its manifest.
 
     The manifest is written at the start and at the end. During a run, and after a kill, the progress file is newer.
     """
-    progress = read(run)
+    names = ("steps", "episodes", "success_rate")
     if progress is not None and progress.steps >= manifest["steps"]:
-        return {name: getattr(progress, name) for name in ("steps", "episodes", "success_rate")}
-    return {
-        "steps": manifest["steps"],
-        "episodes": manifest.get("episodes", 0),
-        "success_rate": manifest.get("success_rate"),
-    }
+        return {name: getattr(progress, name) for name in names}
+    return {name: manifest[name] for name in names if name in manifest}
 
 
 def duration(seconds: float) -> str:

@@ -248,14 +248,13 @@ class Trials:
     @property
     def uninformative(self) -> tuple[int, ...]:
         """Return the budgets at which pruning chose nothing, because all trials have the same score."""
-        scores = [
-            [t.intermediate_values[budget] for t in self.trials if budget in t.intermediate_values]
+        by_budget = {
+            budget: [t.intermediate_values[budget] for t in self.trials if budget in t.intermediate_values]
             for budget in self.plan.budgets[:-1]
-        ]
+        }
+        fewest = self.plan.tune.reduction + 1
         return tuple(
-            budget
-            for budget, of_trials in zip(self.plan.budgets[:-1], scores, strict=True)
-            if len(of_trials) > self.plan.tune.reduction and len(set(of_trials)) == 1
+            budget for budget, scores in by_budget.items() if len(scores) >= fewest and len(set(scores)) == 1
         )
 
     def algo(self, trial: FrozenTrial) -> dict[str, Any]:
